@@ -8,9 +8,9 @@ An experiment declares its axes (worlds, receivers, variants) at the function th
         "Figures of a flight."
 
 `flown.places(options)` then flies all flights on the workers and gives, place by place, what they
-found; the experiment makes its rows of that, and `print_found` prints them. Flights are the same on
-any number of workers. `--rows DIR`, or the variable HELI_ROWS, keeps what has been flown, a folder
-for each sweep, and goes on with it.
+were; the experiment makes its rows of that, and `print_result` prints them. Flights are the same
+on any number of workers. `--rows DIR`, or the variable HELI_ROWS, keeps what has been flown, a
+folder for each sweep, and goes on with it.
 """
 
 import hashlib
@@ -213,20 +213,20 @@ def over(**axes: Sequence[Any]) -> Callable[[Callable[..., Figures]], Sweep[Figu
     return declared
 
 
-def print_found(
+def print_result(
     doc: str | None,
     experiment: Callable[..., Mapping[str, Any]],
     seeds: str = "1..20",
     tables: Callable[[Mapping[str, Any]], str] | None = None,
     **lists: str,
 ) -> int:
-    """The main of an experiment: read the options, print what is found as JSON; exit code.
+    """The main of an experiment: read the options, print its result as JSON; exit code.
 
     Parameters
     ----------
     doc : str or None
         Of the module; its first line is the help's.
-    found : callable
+    experiment : callable
         From `Options`, and the further ones by name, to what is printed.
     seeds : str
         Default of `--seeds`.

@@ -12,7 +12,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.rotations import euler_from_quat
 from heli_core.ticks import TICKS_PER_S
@@ -104,7 +104,7 @@ def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     content = {"seeds": options.seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
     return content | {"rows": [row(place) for place in flown.places(options)]}
@@ -156,4 +156,4 @@ def actuator_faults(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "11..20"))
+    sys.exit(print_result(__doc__, experiment, "11..20"))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from evidence.files import Results
 from evidence.registry import MARGIN, TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.metrics import attitude_errors
 from heli_core.rows import ACTUATOR, REFERENCE
@@ -142,7 +142,7 @@ def errors(record: FlightRecord, from_s: float) -> dict[str, float]:
     return largest
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     packaged = over_airspeed(resolve())
     others = [bound_of(name, over_airspeed(resolve(laws=name))) for name in LAWS[1:]]
@@ -244,4 +244,4 @@ def airspeed_flown(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

@@ -11,7 +11,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import MARGIN, TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.rows import ACTUATOR
 from heli_core.ticks import TICKS_PER_S
@@ -117,7 +117,7 @@ def row(place: Place[dict[str, Any]], seeds: list[int]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     rows = [row(place, options.seeds) for place in flown.places(options)]
     return {"seeds": options.seeds, "last_fix_s": LAST_FIX_S, "rows": rows}
@@ -187,4 +187,4 @@ def blind_landing(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 from evidence.files import Results
 from evidence.registry import produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.rotations import quat_to_R_nb
 from heli_core.ticks import TICKS_PER_S
@@ -182,7 +182,7 @@ def rows(place: Place[Flight], seeds: list[int]) -> list[dict[str, Any]]:
     return entries
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     seeds = options.seeds
     of = [row for place in silent.places(options) for row in rows(place, seeds)]
@@ -234,4 +234,4 @@ def dead_reckoning(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..10"))
+    sys.exit(print_result(__doc__, experiment, "1..10"))

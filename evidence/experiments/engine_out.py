@@ -11,7 +11,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.ticks import TICKS_PER_S
 from heli_dynamics_sim.config import PlantConfig
@@ -87,7 +87,7 @@ def energies() -> dict[str, float]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     rows = [row(place) for place in touch_down.places(options)]
     return {
@@ -147,4 +147,4 @@ def engine_out(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "11..20"))
+    sys.exit(print_result(__doc__, experiment, "11..20"))

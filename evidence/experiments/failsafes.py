@@ -12,7 +12,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.ticks import TICKS_PER_S
 from heli_flight.loop import simulate
@@ -139,7 +139,7 @@ def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     rows = [row(place) for place in flown.places(options)]
     content = {"seeds": options.seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
@@ -190,4 +190,4 @@ def failsafes(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..10"))
+    sys.exit(print_result(__doc__, experiment, "1..10"))

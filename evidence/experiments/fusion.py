@@ -17,7 +17,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, three, world
 from heli_core.rotations import rotation_between
 from heli_core.rows import MEAS, PLANT
@@ -196,4 +196,4 @@ def fusion_tables(results: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, navigation_found, tables=fusion_tables))
+    sys.exit(print_result(__doc__, navigation_found, tables=fusion_tables))

@@ -17,7 +17,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.errors import SynthesisError
 from heli_flight.result import conditions
@@ -116,7 +116,7 @@ def row(
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     designs = {name: designed(changes) for name, changes in VARIANTS.items()}
     kept = [p for p in flown.points if not isinstance(designs[p["variant"]], str)]
@@ -180,4 +180,4 @@ def gamma(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..10"))
+    sys.exit(print_result(__doc__, experiment, "1..10"))

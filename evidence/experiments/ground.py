@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from evidence.files import Results
 from evidence.registry import MARGIN, TWENTY, produces, table
-from evidence.sweep import Options, over, print_found
+from evidence.sweep import Options, over, print_result
 from evidence.tables import grid
 from heli_core.rotations import euler_angles, quat_from_euler, quat_to_R_nb
 from heli_core.rows import ACTUATOR, MEAS, NAV, PLANT, ROTOR
@@ -219,7 +219,7 @@ def side_stick(stick: float, limit_deg: float) -> dict[str, Any]:
     return {"stick": stick, "limit_deg": limit_deg, "most_deg": most, "ended": ended}
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     landings = [
         {"ground": name, **touch_down(sink, **ground)}
@@ -323,4 +323,4 @@ def rollover(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

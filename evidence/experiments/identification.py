@@ -17,7 +17,7 @@ from typing import Any
 
 from evidence.files import Results
 from evidence.registry import FIT, TWENTY, produces, table
-from evidence.sweep import Options, over, print_found
+from evidence.sweep import Options, over, print_result
 from evidence.tables import grid, world
 from heli_core.errors import FlightError
 from heli_flight.result import RESULT, conditions
@@ -54,18 +54,18 @@ def _identified(aircraft: str, seed: int, folder: Path) -> dict[str, Any]:
 
 
 def row_of(
-    aircraft: str, seed: int, found: dict[str, Any], hover: dict[str, Any]
+    aircraft: str, seed: int, identified: dict[str, Any], hover: dict[str, Any]
 ) -> dict[str, Any]:
     """Per group the significant number that is furthest from the truth; what missed its target."""
-    judged = [entry for entry in found["entries"] if entry["met"] is not None]
+    judged = [entry for entry in identified["entries"] if entry["met"] is not None]
     return {
         "aircraft": aircraft,
         "seed": seed,
         "judged": len(judged),
         "worst": {name: _worst(judged, group) for group, name in GROUPS.items()},
         "missed": [_short(entry) for entry in judged if not entry["met"]],
-        "delay_ticks": found["delay_ticks"],
-        "trim_phi_rad": _error(found["entries"], "trim phi, rad"),
+        "delay_ticks": identified["delay_ticks"],
+        "trim_phi_rad": _error(identified["entries"], "trim phi, rad"),
         "hover_exit_code": hover["exit_code"],
     }
 
@@ -163,4 +163,4 @@ def _furthest(entries: Sequence[Mapping[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, identified, aircraft=DEFAULT))
+    sys.exit(print_result(__doc__, identified, aircraft=DEFAULT))

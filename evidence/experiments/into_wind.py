@@ -11,7 +11,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.rotations import euler_angles
 from heli_flight.loop import simulate
@@ -73,7 +73,7 @@ def row(place: Place[tuple[float, float | None]], seeds: list[int]) -> dict[str,
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     rows = [row(place, options.seeds) for place in flown.places(options)]
     return {"seeds": options.seeds, "within_deg": _WITHIN_DEG, "rows": rows}
@@ -116,4 +116,4 @@ def into_wind(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_analysis.handling.definitions import FULL_SCALE, MANOEUVRES
 from heli_analysis.handling.scoring import CriterionResult, HandlingLevel, ManoeuvreScore
@@ -91,7 +91,7 @@ def row(place: Place[Scored], settings: Settings) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the tables show; of a manoeuvre that is not flown, `refused` says why."""
     batch: list[Settings | str] = []
     for point in flown.points:
@@ -213,4 +213,4 @@ def _names(rows: list[Mapping[str, Any]], level: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

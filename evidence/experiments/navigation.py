@@ -17,7 +17,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, three
 from heli_core.rotations import rotation_between
 from heli_core.ticks import ticks_in
@@ -114,10 +114,10 @@ def errors_found(options: Options) -> dict[str, Any]:
     flown = [p for p in errors.points if p["cause"] == whole or p["world"] == "honest"]
     rows = [(place.point, row(place)) for place in errors.places(options, flown)]
     return {
-        "worlds": [found for point, found in rows if point["cause"] == whole],
+        "worlds": [entry for point, entry in rows if point["cause"] == whole],
         "parts": [
-            {"cause": point["cause"], **found}
-            for point, found in rows
+            {"cause": point["cause"], **entry}
+            for point, entry in rows
             if point["world"] == "honest"
         ],
     }
@@ -175,4 +175,4 @@ def navigation_tables(results: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, errors_found, tables=navigation_tables))
+    sys.exit(print_result(__doc__, errors_found, tables=navigation_tables))

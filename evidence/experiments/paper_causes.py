@@ -14,7 +14,7 @@ from typing import Any
 
 from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS, PaperMetric
 from heli_flight.loop import simulate
@@ -101,11 +101,11 @@ def row(place: Place[FlownSeed]) -> dict[str, Any]:
     }
 
 
-def found(options: Options, worlds: Sequence[str]) -> dict[str, Any]:
+def experiment(options: Options, worlds: Sequence[str]) -> dict[str, Any]:
     """All that the table shows."""
     points = replace(flown, axes={**flown.axes, "world": worlds}).points
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    told: dict[str, list[str]] = {}
+    conditions_of: dict[str, list[str]] = {}
     for place in flown.places(options, points):
         world, cause, test = place.point.values()
         settings = settings_of(world, cause, test)
@@ -113,10 +113,10 @@ def found(options: Options, worlds: Sequence[str]) -> dict[str, Any]:
             loop = loop_row(cause, settings)
             rows[world, cause.name] = {"world": world, "cause": cause.name, "loop": loop}
         rows[world, cause.name][test] = row(place)
-        told[f"{world}, {test}"] = conditions(settings).splitlines()
+        conditions_of[f"{world}, {test}"] = conditions(settings).splitlines()
     gamma = resolve(laws="paper").nodes["inner_loop"]["gamma"]
     return {
-        "gamma": gamma, "seeds": options.seeds, "conditions": told, "rows": list(rows.values())
+        "gamma": gamma, "seeds": options.seeds, "conditions": conditions_of, "rows": list(rows.values())
     }  # fmt: skip
 
 
@@ -171,4 +171,4 @@ def _beside(row: Mapping[str, Any], metric: PaperMetric) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..10", worlds=",".join(WORLDS)))
+    sys.exit(print_result(__doc__, experiment, "1..10", worlds=",".join(WORLDS)))

@@ -9,7 +9,7 @@ from typing import Any
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS, PATH
 from heli_flight.result import conditions
@@ -44,7 +44,7 @@ def row(place: Place[FlownSeed]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     return {"seeds": options.seeds, "rows": [row(place) for place in flown.places(options)]}
 
@@ -90,4 +90,4 @@ def paths(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

@@ -17,7 +17,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS
 from heli_core.rows import REFERENCE
@@ -120,7 +120,7 @@ def axes_of(place: Place[np.ndarray]) -> list[dict[str, Any]]:
     ]
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     return {
         "seeds": options.seeds,
@@ -202,4 +202,4 @@ def _largest(row: Mapping[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..8"))
+    sys.exit(print_result(__doc__, experiment, "1..8"))

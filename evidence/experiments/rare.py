@@ -27,7 +27,7 @@ RARE, BEYOND_M = "lateral (truth)", 0.5
 WORST = "altitude (truth)"
 
 
-def found(folder: str, word: str, *options: str) -> dict[str, Any]:
+def outcome_of(folder: str, word: str, *options: str) -> dict[str, Any]:
     """What the command says with --json; raises CalledProcessError."""
     out = f"{folder}/{word}"
     command = [str(ROOT / "heli"), "campaign", word, SPEC, "--out", out, "--json", *options]
@@ -44,11 +44,11 @@ def main() -> int:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="heli_rare_") as folder:
         try:
-            rare = found(
+            rare = outcome_of(
                 folder, "rare", "--of", RARE, "--beyond", str(BEYOND_M),
                 "--per-level", asked.per_level,
             )  # fmt: skip
-            worst = found(folder, "worst", "--of", WORST, "--flights", asked.flights)
+            worst = outcome_of(folder, "worst", "--of", WORST, "--flights", asked.flights)
         except subprocess.CalledProcessError as error:
             return error.returncode
     print(json_text({"spec": SPEC, "rare": rare, "worst": worst}), end="")

@@ -9,7 +9,7 @@ from typing import Any
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.ticks import RATES_HZ
 from heli_flight.loop import simulate
@@ -61,7 +61,7 @@ def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     return {"seeds": options.seeds, "rows": [row(place) for place in flown.places(options)]}
 
@@ -109,4 +109,4 @@ def rates(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

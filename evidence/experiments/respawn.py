@@ -21,7 +21,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import NOT_COMPARED, produces, table
-from evidence.sweep import Options, over, print_found
+from evidence.sweep import Options, over, print_result
 from evidence.tables import grid
 from heli_bags.reader import Bag, read_bag
 from heli_core.errors import FlightError
@@ -133,7 +133,7 @@ def flight(seed: int) -> dict[str, Any]:
             "sound_m": times.lost_m(_SOUND_S), "events": events}  # fmt: skip
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows; in real time one flies after the other."""
     before = os.getloadavg()[0]
     (place,) = flight.places(replace(options, workers=1))
@@ -205,4 +205,4 @@ def respawn(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..10"))
+    sys.exit(print_result(__doc__, experiment, "1..10"))

@@ -16,7 +16,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_analysis.handling.scoring import (
     AXES,
@@ -101,12 +101,12 @@ def steps(laws: str, axis: str, flights: Sequence[Responses]) -> list[dict[str, 
     settings = settings_of("attitude_steps", laws, axis)
     start, length = (settings.nodes["outer_loop"][f"sweep.{k}"] for k in ("start_s", "duration_s"))
     size = settings.nodes["outer_loop"]["sweep.amplitude_deg"]
-    found: dict[float, list[AttitudeChange]] = {size: [], 0.5 * size: []}
+    by_size: dict[float, list[AttitudeChange]] = {size: [], 0.5 * size: []}
     for flight in flights:
         for change in flight.changes:
             if change.peak_s - change.start_s < length / PARTS:
                 early = change.start_s < start + 0.5 * length
-                found[size if early else 0.5 * size].append(change)
+                by_size[size if early else 0.5 * size].append(change)
     return [
         {
             "step_deg": step,
@@ -117,7 +117,7 @@ def steps(laws: str, axis: str, flights: Sequence[Responses]) -> list[dict[str, 
                 max(c.quickness_per_s for c in of_step),
             ],
         }
-        for step, of_step in found.items()
+        for step, of_step in by_size.items()
         if of_step
     ]
 
@@ -148,7 +148,7 @@ def row(place: Place[Responses]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     return {"seeds": options.seeds, "rows": [row(place) for place in flown.places(options)]}
 
@@ -223,4 +223,4 @@ def _number(value: float | None) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found, "1..5"))
+    sys.exit(print_result(__doc__, experiment, "1..5"))

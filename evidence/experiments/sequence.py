@@ -14,7 +14,7 @@ import numpy as np
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import GROUND_HEAD, grid, ground_table
 from heli_core.rotations import euler_angles, wrap_pi
 from heli_core.rows import ACTUATOR
@@ -99,7 +99,7 @@ def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     goals = {metric.key: metric.goal for metric in GROUND_METRICS}
     rows = [row(place) for place in flown.places(options)]
@@ -170,4 +170,4 @@ def sequence_changes(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import GROUND_HEAD, grid, ground_table
 from heli_flight.loop import simulate
 from heli_flight.result import conditions
@@ -99,7 +99,7 @@ def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     goals = {metric.key: metric.goal for metric in GROUND_METRICS}
     rows = [row(place) for place in flown.places(options)]
@@ -147,4 +147,4 @@ def takeoff(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

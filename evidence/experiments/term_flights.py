@@ -13,7 +13,7 @@ from typing import Any
 
 from evidence.files import Results
 from evidence.registry import TWENTY, produces, table
-from evidence.sweep import Options, Place, over, print_found
+from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS
 from heli_dynamics_sim import plant
@@ -60,7 +60,7 @@ def row_of(place: Place[FlownSeed]) -> dict[str, Any]:
     }
 
 
-def found(options: Options) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the table shows."""
     conditions_of = [conditions(resolve("hover", gps)).splitlines() for gps in GPS_PRESETS]
     rows = [row_of(place) for place in fly.places(options)]
@@ -103,4 +103,4 @@ def _largest(most: Mapping[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(print_found(__doc__, found))
+    sys.exit(print_result(__doc__, experiment))

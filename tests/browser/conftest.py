@@ -236,10 +236,10 @@ class Page:
 @pytest.fixture(scope="session")
 def chromium() -> str:
     """Path of a Chromium; the tests are skipped where there is none."""
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
         pytest.skip("no Chromium on this machine: install the package chromium")
-    return found
+    return path
 
 
 @pytest.fixture

@@ -218,11 +218,11 @@ def hover_over(page, key, share):
     )
     at = {"x": left + share * width, "y": top + 0.5 * height}
     page.call("Input.dispatchMouseEvent", type="mouseMoved", **at)
-    told = (
+    script = (
         f"[...document.querySelectorAll('#chart-{key} .hoverlayer text')].map(e => e.textContent)"
     )
-    page.wait(f"{told}.length > 1")
-    return page.value(told)
+    page.wait(f"{script}.length > 1")
+    return page.value(script)
 
 
 def test_bands_are_shaded_named_and_told_in_every_chart_over_time(page, faulty):
@@ -323,9 +323,9 @@ def test_a_table_that_scrolls_says_so_and_no_other_does(page, hover):
     for width in (390, 1280):
         page.size(width, 844, phone=width == 390)
         page.open(hover, READY)
-        found = page.value(boxes)
-        assert found and all(len(set(said)) == 1 for said in found), found
-        wide[width] = sum(said[0] for said in found)
+        tables = page.value(boxes)
+        assert tables and all(len(set(marks)) == 1 for marks in tables), tables
+        wide[width] = sum(marks[0] for marks in tables)
     assert wide[390] > wide[1280]
     # Tables that are opened are looked at when they are.
     page.size(390, 844, phone=True)

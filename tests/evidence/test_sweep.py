@@ -134,7 +134,7 @@ class TestPrintFound:
 
     def printed(self, monkeypatch, capsys, *words, **options):
         monkeypatch.setattr("sys.argv", ["experiment.py", *words])
-        code = sweep.print_found("What.", self.found, "1..2", **options)
+        code = sweep.print_result("What.", self.found, "1..2", **options)
         return code, *capsys.readouterr()
 
     def found(self, options, worlds=()):
@@ -209,7 +209,7 @@ def test_an_experiment_makes_the_rows_of_its_file(name, monkeypatch):
 
     sweeping = getattr(module, attribute)
     monkeypatch.setattr(module, attribute, replace(sweeping, flight=fake))
-    found, stored = module.found(Options(SEEDS)), files.read(files.checkout(), name)["found"]
+    found, stored = module.experiment(Options(SEEDS)), files.read(files.checkout(), name)["found"]
     assert list(found) == list(stored) and len(found["rows"]) == len(stored["rows"])
     for point, row, published in zip(sweeping.points, found["rows"], stored["rows"], strict=True):
         assert keys(row) == keys(published)
@@ -235,7 +235,7 @@ def test_of_optional_figures_the_largest_is_told(module, monkeypatch):
                 "max": {"a": 0.25} | ({} if lacks else {"b": 2.0})}  # fmt: skip
 
     monkeypatch.setattr(module, "flown", replace(module.flown, flight=fake))
-    rows = module.found(Options(SEEDS))["rows"]
+    rows = module.experiment(Options(SEEDS))["rows"]
     assert asked == SEEDS * len(rows)
     stored = files.read(files.checkout(), module.__name__.rpartition(".")[2])["found"]["rows"]
     assert [list(row) for row in rows] == [list(row) for row in stored]
@@ -250,7 +250,7 @@ def test_what_turned_in_time_is_counted(monkeypatch):
         return (30.0, None) if seed == SEEDS[0] else (10.0, 4.0)
 
     monkeypatch.setattr(into_wind, "flown", replace(into_wind.flown, flight=fake))
-    for row in into_wind.found(Options(SEEDS))["rows"]:
+    for row in into_wind.experiment(Options(SEEDS))["rows"]:
         said = row["median_deg"], row["max_deg"], row["within"], row["median_took_s"]
         assert said == (20.0, 30.0, 1, 4.0)
 
@@ -264,7 +264,7 @@ def test_a_fault_of_an_actuator_is_flown_as_its_row_says(monkeypatch):
                 "off_m": 100.0 if lost else 1.0, "turned_deg": 90.0 if lost else 3.0}  # fmt: skip
 
     monkeypatch.setattr(actuator_faults, "flown", replace(actuator_faults.flown, flight=fake))
-    rows = actuator_faults.found(Options(SEEDS))["rows"]
+    rows = actuator_faults.experiment(Options(SEEDS))["rows"]
     stored = files.read(files.checkout(), "actuator_faults")["found"]["rows"]
     heads = ("what", "fault", "gps", "text")
     assert [[r[key] for key in heads] for r in rows] == [[r[key] for key in heads] for r in stored]

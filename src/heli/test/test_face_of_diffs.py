@@ -21,15 +21,15 @@ def flights():
 @pytest.mark.slow
 def test_it_says_what_the_command_says(flights, tmp_path):
     folders = [flight.save(tmp_path / name) for flight, name in zip(flights, "ab", strict=True)]
-    told, found = diff_of_folders(folders), heli.diff(*folders)
-    assert found.names == ("a", "b")
-    assert {d.name: tuple(d.values) for d in told.parameters} == found.parameters
-    for row in told.metrics:
-        metric = found.metrics.of(row.source, row.stretch)[row.metric.key]
+    of_command, of_face = diff_of_folders(folders), heli.diff(*folders)
+    assert of_face.names == ("a", "b")
+    assert {d.name: tuple(d.values) for d in of_command.parameters} == of_face.parameters
+    for row in of_command.metrics:
+        metric = of_face.metrics.of(row.source, row.stretch)[row.metric.key]
         assert metric.values == tuple(s.max for s in row.scores)
         assert metric.rms == tuple(s.rms for s in row.scores)
         assert metric.change == row.change and metric.unit == row.metric.unit
-    assert found.parameters["flight.controller"] == ("hinf_output", "hinf")
+    assert of_face.parameters["flight.controller"] == ("hinf_output", "hinf")
     # A flight that has been saved is called as its folder is.
     assert heli.diff(flights[0], folders[1]).names == ("a", "b")
 
@@ -37,35 +37,35 @@ def test_it_says_what_the_command_says(flights, tmp_path):
 def test_flights_in_memory_are_compared_by_number_or_by_given_names(flights):
     options = {"seed": 3, "duration_s": 8, "gps": "rtk", "quiet": True}
     one, two = heli.fly(**options), heli.fly(laws="hinf", **options)
-    found = heli.diff(one, two)
-    assert found.names == ("flight 1", "flight 2")
-    assert "flight.commit" not in found.parameters and "flight.seed" not in found.parameters
-    for name, metric in found.metrics.items():
+    diff = heli.diff(one, two)
+    assert diff.names == ("flight 1", "flight 2")
+    assert "flight.commit" not in diff.parameters and "flight.seed" not in diff.parameters
+    for name, metric in diff.metrics.items():
         assert metric.values == (one.metrics[name].value, two.metrics[name].value)
     text = repr(heli.diff(one, two, names=("mine", "yours")))
     assert "mine" in text and "flight.laws" in text and re.search(r"altitude, m .* %", text)
-    assert "<table>" in found._repr_html_()
+    assert "<table>" in diff._repr_html_()
     same = heli.diff(one, heli.fly(**options))
     assert same.parameters == {} and "what differs: nothing" in repr(same)
     assert all(metric.change == 0.0 for metric in same.metrics.values())
 
 
 def test_a_page_and_a_table_hold_both(flights, tmp_path):
-    found = heli.diff(*flights, names=("one & only", "two"))
-    page = found.page(tmp_path / "made" / "d.html")
+    diff = heli.diff(*flights, names=("one & only", "two"))
+    page = diff.page(tmp_path / "made" / "d.html")
     text = page.read_text(encoding="utf-8")
     assert "one &amp; only" in text and "one process" in text
-    table = found.to_arrow()
+    table = diff.to_arrow()
     assert set(table["flight"].to_pylist()) == {"one & only", "two"}
-    assert table.num_rows == 2 * len(found._flight_diff.metrics)
+    assert table.num_rows == 2 * len(diff._flight_diff.metrics)
 
 
 def test_three_flights_have_no_change(flights):
     third = heli.fly(seed=4, duration_s=8, gps="rtk", quiet=True)
-    found = heli.diff(*flights, third, names="abc")
-    assert all(m.change is None and len(m.values) == 3 for m in found.metrics.values())
-    assert "change" not in repr(found)
-    assert found.parameters["flight.seed"] == ("3", "3", "4")
+    diff = heli.diff(*flights, third, names="abc")
+    assert all(m.change is None and len(m.values) == 3 for m in diff.metrics.values())
+    assert "change" not in repr(diff)
+    assert diff.parameters["flight.seed"] == ("3", "3", "4")
 
 
 def test_what_cannot_be_compared_is_one_sentence(flights, tmp_path):
@@ -78,41 +78,45 @@ def test_what_cannot_be_compared_is_one_sentence(flights, tmp_path):
         heli.diff(one, 3)
     with pytest.raises(heli.FlightError, match="there is no such flight"):
         heli.diff(one, tmp_path / "nowhere")
-    found = heli.diff(one, two, names="ab")
+    diff = heli.diff(one, two, names="ab")
     with pytest.raises(heli.ParameterError, match=r"must end in \.html"):
-        found.page(tmp_path / "x.txt")
+        diff.page(tmp_path / "x.txt")
     (tmp_path / "file").write_text("")
     with pytest.raises(heli.ParameterError, match="cannot be written"):
-        found.page(tmp_path / "file" / "x.html")
+        diff.page(tmp_path / "file" / "x.html")
     with pytest.raises(KeyError, match="known: "):
-        found.metrics["altitud"]
+        diff.metrics["altitud"]
     with pytest.raises(heli.ParameterError, match="allowed: navigation"):
-        found.metrics.of("sky")
+        diff.metrics.of("sky")
 
 
 def test_an_identification_has_matrices_responses_and_a_design(identified_once):
     outcome, _ = identified_once
-    found = Identified(outcome)
-    assert found.A.shape == (9, 9) and found.B.shape == (9, 3) and found.E.shape == (9, 3)
-    assert found.system.ninputs == 6 and found.missed == []
-    answer = found.response("p", "d_lat")
+    identified = Identified(outcome)
+    assert (
+        identified.A.shape == (9, 9)
+        and identified.B.shape == (9, 3)
+        and identified.E.shape == (9, 3)
+    )
+    assert identified.system.ninputs == 6 and identified.missed == []
+    answer = identified.response("p", "d_lat")
     np.testing.assert_allclose(np.abs(answer.fit), np.abs(answer.measured), rtol=0.05)
     np.testing.assert_allclose(np.abs(answer.fit), np.abs(answer.truth), rtol=0.02)
     assert (answer.coherence > 0.9).all() and answer.hz[0] < answer.hz[-1]
-    assert found.to_arrow().num_rows == len(found.rows)
-    assert "A(q,a_s)" in repr(found) and "<table>" in found._repr_html_()
-    assert found.design.gamma_star < found.design.gamma
-    flown = heli.fly(params=found, seed=3, duration_s=8, gps="rtk", quiet=True)
-    assert np.array_equal(flown.parameters["inner_loop"]["model.A"], found.A)
+    assert identified.to_arrow().num_rows == len(identified.rows)
+    assert "A(q,a_s)" in repr(identified) and "<table>" in identified._repr_html_()
+    assert identified.design.gamma_star < identified.design.gamma
+    flown = heli.fly(params=identified, seed=3, duration_s=8, gps="rtk", quiet=True)
+    assert np.array_equal(flown.parameters["inner_loop"]["model.A"], identified.A)
     with pytest.raises(heli.ParameterError, match="allowed: p, q, r"):
-        found.response("phi", "d_lat")
+        identified.response("phi", "d_lat")
 
 
 @pytest.mark.slow
 def test_the_numbers_are_those_of_the_command(identified_once):
     outcome, _ = identified_once
-    found = heli.identify(seed=1, quiet=True)
-    assert np.array_equal(found.A, Identified(outcome).A)
+    identified = heli.identify(seed=1, quiet=True)
+    assert np.array_equal(identified.A, Identified(outcome).A)
     with pytest.raises(heli.ParameterError, match="allowed: files"):
         heli.identify(params={"plant": {}})
 

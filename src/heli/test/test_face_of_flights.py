@@ -35,10 +35,10 @@ def test_it_is_the_flight_of_the_loop_with_its_figures(flight, settings):
     assert np.array_equal(flight.u.delta_col, record.u[:, 3])
     assert np.array_equal(flight.wind.ned_mps, record.wind_ned_mps)
     assert np.array_equal(flight.setpoint.theta_rad, record.setpoint[:, 1])
-    found = score(record, settings.scenario).find("windows", "altitude", "truth")
+    altitude = score(record, settings.scenario).find("windows", "altitude", "truth")
     metric = flight.metrics.of("truth")["altitude"]
-    assert (metric.value, metric.unit, metric.paper) == (found.max, "m", found.metric.paper)
-    assert metric.inside == found.inside
+    assert (metric.value, metric.unit, metric.paper) == (altitude.max, "m", altitude.metric.paper)
+    assert metric.inside == altitude.inside
 
 
 def test_angles_are_those_of_the_quaternion(flight):
@@ -136,24 +136,24 @@ def test_parameters_may_be_nested_dotted_and_of_integers():
     ],
 )
 def test_what_cannot_be_is_one_sentence(options, words):
-    with pytest.raises(heli.ParameterError, match=words) as found:
+    with pytest.raises(heli.ParameterError, match=words) as refusal:
         heli.fly(**options)
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_faults_are_flown():
     fault = {"what": "delta_lat", "kind": "stuck", "start_s": 2.0}
-    found = heli.fly(seed=3, duration_s=30, faults=[fault], quiet=True)
-    assert found.lost and found.exit_code == 1 and "LOST" in repr(found)
+    flown = heli.fly(seed=3, duration_s=30, faults=[fault], quiet=True)
+    assert flown.lost and flown.exit_code == 1 and "LOST" in repr(flown)
 
 
 def test_what_is_no_flight_is_one_sentence(tmp_path):
     with pytest.raises(heli.FlightError, match="there is no such flight"):
         heli.load(tmp_path / "nowhere")
     (tmp_path / "record.npz").write_bytes(b"PK no archive")
-    with pytest.raises(heli.FlightError, match=r"record.npz: holds no record") as found:
+    with pytest.raises(heli.FlightError, match=r"record.npz: holds no record") as refusal:
         heli.load(tmp_path)
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(refusal.value)
     with pytest.raises(heli.FlightError):
         (tmp_path / "empty").mkdir()
         heli.load(tmp_path / "empty")

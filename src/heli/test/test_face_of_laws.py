@@ -99,17 +99,17 @@ def test_from_the_ground_to_the_ground_the_law_flies_what_is_in_the_air():
 
 
 def test_the_law_reads_what_it_is_said_to_read(compiled):
-    seen = []
+    inputs = []
 
     class Law(Attitude):
         def step(self, x, r, t):
-            seen.append((t, x.copy(), r.copy()))
+            inputs.append((t, x.copy(), r.copy()))
             x[:], r[:] = 0.0, 0.0  # its own copies
-            return super().step(*seen[-1][1:], t)
+            return super().step(*inputs[-1][1:], t)
 
     flown = heli.fly(law=Law, duration_s=10, **OPTIONS)
     assert np.array_equal(flown.u.delta_lat, compiled.u.delta_lat[:1000])
-    t, x, r = seen[-1]
+    t, x, r = inputs[-1]
     assert t == pytest.approx(flown.time_s[-1])
     nine = heli.NINE
     assert x[nine.q] == flown.nav.q_radps[-1]
@@ -209,9 +209,9 @@ class Wrong:
     ],
 )
 def test_what_is_no_law_is_one_sentence_before_anything_flies(law, words):
-    with pytest.raises(heli.LawError, match=words) as found:
+    with pytest.raises(heli.LawError, match=words) as refusal:
         heli.fly(law=law, duration_s=1, **OPTIONS)
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.fixture

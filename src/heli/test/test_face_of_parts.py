@@ -86,11 +86,11 @@ class Short(Part):
 
 
 def test_the_packaged_observer_as_an_object_flies_the_same_flight():
-    compiled, own = (heli.fly(seed=2, estimator=e, **FLIGHT) for e in (None, heli.Observer()))
+    compiled, as_object = (heli.fly(seed=2, estimator=e, **FLIGHT) for e in (None, heli.Observer()))
     for name in ("pos_ned_m", "vel_ned_mps", "q_nb"):
         for group in ("truth", "nav"):
-            found, wanted = getattr(own, group)[name], getattr(compiled, group)[name]
-            np.testing.assert_array_equal(found, wanted)
+            value, wanted = getattr(as_object, group)[name], getattr(compiled, group)[name]
+            np.testing.assert_array_equal(value, wanted)
 
 
 def test_a_wind_of_ones_own_is_flown_in():

@@ -133,8 +133,8 @@ def test_a_mode_that_is_left_ends_the_goal_and_is_named(bench, kind, mode):
         bench.fly(0.1)  # it goes on telling what it has told last
     else:
         bench.answer("a", GoalState.LEFT)
-    said = f"{kind}: left for mode {mode} (flies {mode})"
-    assert bench.ended == {"a": (ABORTED, Code.MODE_LEFT, said)}
+    sentence = f"{kind}: left for mode {mode} (flies {mode})"
+    assert bench.ended == {"a": (ABORTED, Code.MODE_LEFT, sentence)}
 
 
 @pytest.mark.parametrize("kind", Kind)
@@ -162,9 +162,9 @@ def test_a_goto_that_does_not_get_there_is_given_up(bench):
     bench.flying(Kind.GOTO).fly(25.0, to=[5.0, 2.0, -10.0])
     assert not bench.ended
     bench.fly(3.0)
-    outcome, code, said = bench.ended["a"]
+    outcome, code, sentence = bench.ended["a"]
     assert (outcome, code) == (ABORTED, Code.NOT_REACHED)
-    assert said == "goto: 5.00 m off 20 s after the end of its way; allowed: 1 m"
+    assert sentence == "goto: 5.00 m off 20 s after the end of its way; allowed: 1 m"
 
 
 @pytest.mark.parametrize("kind", [Kind.GOTO, Kind.FOLLOW])
@@ -173,8 +173,8 @@ def test_another_way_ends_it_a_later_end_does_not(bench, kind):
     bench.answer("a", GoalState.ACTIVE, "", GOAL.tolist(), 9.0)  # turned into the wind on the way
     assert not bench.ended and bench.desk.feedback()[2].left_s > 8.0
     bench.answer("a", GoalState.REPLACED, "", [1.0, 2.0, -30.0])
-    said = f"{kind}: another way is flown, to 2.00 m east, 1.00 m north, 30.00 m high"
-    assert bench.ended == {"a": (ABORTED, Code.REPLACED, said)}
+    sentence = f"{kind}: another way is flown, to 2.00 m east, 1.00 m north, 30.00 m high"
+    assert bench.ended == {"a": (ABORTED, Code.REPLACED, sentence)}
 
 
 def test_a_goal_of_another_server_takes_its_place(bench):
@@ -276,8 +276,8 @@ def test_no_answer(bench, kind):
     bench.fly(4.8)
     assert not bench.ended
     bench.fly(0.5)
-    said = f"{kind}: no answer of the outer loop in 5 s"
-    assert bench.ended == {"a": (ABORTED, Code.NO_ANSWER, said)}
+    sentence = f"{kind}: no answer of the outer loop in 5 s"
+    assert bench.ended == {"a": (ABORTED, Code.NO_ANSWER, sentence)}
 
 
 def test_a_command_is_sent_again_until_it_is_answered(bench):
@@ -325,8 +325,8 @@ def test_silence_of_one_is_named(bench, silent, named):
     bench.flying(Kind.GOTO).fly(4.5, **{silent: False})
     assert not bench.ended
     bench.fly(1.0, **{silent: False})
-    said = f"goto: nothing is heard of {named} for 5 s"
-    assert bench.ended == {"a": (ABORTED, Code.SILENT, said)}
+    sentence = f"goto: nothing is heard of {named} for 5 s"
+    assert bench.ended == {"a": (ABORTED, Code.SILENT, sentence)}
 
 
 def test_silence_of_all_counts_by_the_wall(bench):
@@ -334,8 +334,8 @@ def test_silence_of_all_counts_by_the_wall(bench):
     bench.desk.look(bench.now_s + 9.0)
     assert not bench.ended
     bench.desk.look(bench.now_s + 10.5)
-    said = "land: nothing of the flight is heard for 10 s of wall time"
-    assert bench.ended == {"a": (ABORTED, Code.SILENT, said)}
+    sentence = "land: nothing of the flight is heard for 10 s of wall time"
+    assert bench.ended == {"a": (ABORTED, Code.SILENT, sentence)}
 
 
 def test_a_goal_that_came_before_the_flight_waits_for_it(bench):

@@ -60,15 +60,15 @@ def class_of(message):
 
 @pytest.fixture(scope="module")
 def types():
-    found = {}
+    messages = {}
     for kind in Kind:
         parsed = definition(kind.capitalize())
-        found[kind] = SimpleNamespace(
+        messages[kind] = SimpleNamespace(
             Goal=class_of(parsed.goal),
             Result=class_of(parsed.result),
             Feedback=class_of(parsed.feedback),
         )
-    return found
+    return messages
 
 
 @pytest.fixture
@@ -104,8 +104,8 @@ def test_the_generators_first_steps_take_it(name, tmp_path):
     parsed = parse_idl_file(IdlLocator(tmp_path, Path(made).relative_to(tmp_path)))
     (action,) = parsed.content.get_elements_of_type(Action)
     assert action.namespaced_type.name == name
-    told = {member.name for member in action.feedback.structure.members}
-    assert told == {field.name for field in definition(name).feedback.fields}
+    members = {member.name for member in action.feedback.structure.members}
+    assert members == {field.name for field in definition(name).feedback.fields}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -128,8 +128,8 @@ def test_every_field_is_explained_with_its_unit(name):
 @pytest.mark.parametrize("kind", Kind)
 def test_feedback_fills_every_field(adapters, kind):
     q = quat_from_euler(0.0, 0.0, 0.0)
-    told = GoalFeedback(3 * NS_PER_S + 5, "hover", np.array([1.0, 2.0, -3.0]), q, 4.5, 6.5)
-    message = adapters.feedback(kind, told)
+    feedback = GoalFeedback(3 * NS_PER_S + 5, "hover", np.array([1.0, 2.0, -3.0]), q, 4.5, 6.5)
+    message = adapters.feedback(kind, feedback)
     assert message.mode == "hover"
     stamp, pose = message.pose.header.stamp, message.pose.pose
     assert (message.pose.header.frame_id, stamp.sec, stamp.nanosec) == ("map", 3, 5)
@@ -183,16 +183,16 @@ def test_a_trajectory_ends_where_its_last_point_is(adapters, types):
 
 
 @pytest.mark.parametrize(
-    ("pose", "said"),
+    ("pose", "reason"),
     [
         (pose_to(np.nan, 0.0, 10.0), "finite"),
         (pose_to(1.0, 0.0, 10.0, "odom"), "frame 'odom'; allowed: 'map'"),
     ],
 )
-def test_what_is_no_goal_is_told_and_sent_nowhere(adapters, types, pose, said):
+def test_what_is_no_goal_is_told_and_sent_nowhere(adapters, types, pose, reason):
     goal = types[Kind.GOTO].Goal()
     goal.pose = pose
-    with pytest.raises(MessageError, match=said):
+    with pytest.raises(MessageError, match=reason):
         adapters.order(Kind.GOTO, goal, NS_PER_S)
 
 

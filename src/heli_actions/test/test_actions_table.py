@@ -48,7 +48,7 @@ OF_A_KIND = {
 }
 
 
-def found(kind, stage, event):
+def transition(kind, stage, event):
     row = row_of(kind, stage, event)
     if row is None:
         return None
@@ -64,12 +64,12 @@ def test_every_event_in_every_stage(kind, stage):
     expected = ALWAYS | EXPECTED[stage.value]
     for event in GoalEvent:
         wanted = OF_A_KIND.get((kind, stage.value, event.value), expected.get(event.value))
-        assert found(kind, stage, event) == wanted, event
+        assert transition(kind, stage, event) == wanted, event
 
 
 def test_every_stage_can_end_and_none_is_left_without_a_way_out():
     for stage in Stage:
-        assert found(Kind.GOTO, stage, GoalEvent.SILENT) == (A, Code.SILENT)
+        assert transition(Kind.GOTO, stage, GoalEvent.SILENT) == (A, Code.SILENT)
 
 
 def test_kinds_are_commands_of_the_outer_loop():

@@ -42,9 +42,9 @@ from support.handling_flights import (
     ],
 )
 def test_what_is_not_as_defined_is_said(name, condition, knobs):
-    found = scored(name, **knobs)
-    assert [c.condition.name for c in found.conditions if not c.met] == [condition]
-    assert not found.complete
+    outcome = scored(name, **knobs)
+    assert [c.condition.name for c in outcome.conditions if not c.met] == [condition]
+    assert not outcome.complete
 
 
 @pytest.mark.parametrize("name", ["lateral-reposition", "pirouette"])
@@ -54,7 +54,7 @@ def test_a_gust_in_the_first_hover_is_no_departure(name):
     gusty = np.where(np.abs(calm.time_s - 2.5)[:, None] < 0.5, 0.8, calm.vel_ned_mps)
     blown = track_of(calm.time_s, calm.pos_ned_m, gusty, calm.attitude_rad)
     both = [score(flight, name, FULL_SCALE, TARGETS.get(name)) for flight in (calm, blown)]
-    times = [result(found, "time").value for found in both]
+    times = [result(outcome, "time").value for outcome in both]
     assert times[0] == times[1]
 
 
@@ -62,21 +62,21 @@ def test_an_overshoot_costs_time_and_is_no_depart_abort():
     straight = result(scored("lateral-reposition"), "time").value
     assert result(scored("lateral-reposition", beyond_m=6.0), "time").value > straight + 3.0
     target = np.array([800.0 * FT, 0.0, 0.0])
-    found = score(depart_abort(beyond_m=8.0), "depart-abort", FULL_SCALE, target)
-    assert [c.condition.name for c in found.conditions if not c.met] == ["overshoot"]
+    outcome = score(depart_abort(beyond_m=8.0), "depart-abort", FULL_SCALE, target)
+    assert [c.condition.name for c in outcome.conditions if not c.met] == ["overshoot"]
 
 
 def test_a_hover_without_an_approach_is_scored_as_a_hold():
     still = made(40.0, lambda t: bump(t, 2.0, 36.0, 0.5), lambda t: 0 * t, lambda t: 10 + 0 * t,
                  lambda t: 0.3 + 0 * t)  # fmt: skip
-    found = score(still, "hover")
-    assert found.level is HandlingLevel.DESIRED and not found.complete
-    assert result(found, "time").value is None
-    assert [p.name for p in found.manoeuvre.phases] == ["hold"]
-    assert found.manoeuvre.phases[0].end_s - found.manoeuvre.phases[0].start_s == pytest.approx(
+    outcome = score(still, "hover")
+    assert outcome.level is HandlingLevel.DESIRED and not outcome.complete
+    assert result(outcome, "time").value is None
+    assert [p.name for p in outcome.manoeuvre.phases] == ["hold"]
+    assert outcome.manoeuvre.phases[0].end_s - outcome.manoeuvre.phases[0].start_s == pytest.approx(
         30.0
     )
-    assert any("no approach" in remark for remark in found.manoeuvre.remarks)
+    assert any("no approach" in remark for remark in outcome.manoeuvre.remarks)
 
 
 class TestFroude:
@@ -132,19 +132,19 @@ def test_a_slalom_beside_its_line_does_not_begin_in_the_hover():
         lambda t: 20.0 + 0.0 * t,
         lambda t: 0.0 * t,
     )
-    found = score(beside, "slalom", FULL_SCALE, np.array([4.0 * apart + 2.0 * speed, 0.0, 0.0]))
-    assert result(found, "speed").value > 0.99 * speed
-    assert found.manoeuvre.phases[0].start_s > 11.9
+    outcome = score(beside, "slalom", FULL_SCALE, np.array([4.0 * apart + 2.0 * speed, 0.0, 0.0]))
+    assert result(outcome, "speed").value > 0.99 * speed
+    assert outcome.manoeuvre.phases[0].start_s > 11.9
 
 
 @pytest.mark.parametrize("beyond_m", [4.0, 5.0])
 def test_a_hover_that_creeps_back_ends_the_course_where_it_is_within_the_band(beyond_m):
     """Standing still all the while, by the definition of still: 10 ft off the end at most."""
     flight, length = lateral_reposition(beyond_m=beyond_m, back_s=40.0), 400.0 * FT
-    found = score(flight, "lateral-reposition", FULL_SCALE, np.array([length, 0.0, 0.0]))
+    outcome = score(flight, "lateral-reposition", FULL_SCALE, np.array([length, 0.0, 0.0]))
     shares = np.linspace(0.0, 1.0, 2000)
     came_in = 17.7 + 40.0 * np.interp(1.0 - 10.0 * FT / beyond_m, blend(shares), shares)
-    assert found.manoeuvre.phases[-1].end_s == pytest.approx(came_in, abs=3 * STEP_S)
+    assert outcome.manoeuvre.phases[-1].end_s == pytest.approx(came_in, abs=3 * STEP_S)
     with pytest.raises(HandlingError, match="down the course"):
         far = lateral_reposition(beyond_m=8.0, back_s=1e4).between(0.0, 60.0)
         score(far, "lateral-reposition", FULL_SCALE, np.array([length, 0.0, 0.0]))

@@ -20,12 +20,12 @@ from support.handling_flights import (
 
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_good_flight_is_desired_and_as_defined(name):
-    found = scored(name)
-    assert found.level is HandlingLevel.DESIRED
-    assert found.complete, found.conditions
-    assert all(r.level is HandlingLevel.DESIRED for r in found.results)
-    starts = [p.start_s for p in found.manoeuvre.phases]
-    assert starts == sorted(starts) and all(p.end_s >= p.start_s for p in found.manoeuvre.phases)
+    outcome = scored(name)
+    assert outcome.level is HandlingLevel.DESIRED
+    assert outcome.complete, outcome.conditions
+    assert all(r.level is HandlingLevel.DESIRED for r in outcome.results)
+    starts = [p.start_s for p in outcome.manoeuvre.phases]
+    assert starts == sorted(starts) and all(p.end_s >= p.start_s for p in outcome.manoeuvre.phases)
 
 
 @pytest.mark.parametrize(
@@ -57,19 +57,22 @@ def test_each_bound_flips_the_level(name, criterion, knob, desired, adequate, ne
     for level, value in zip(HandlingLevel, (desired, adequate, neither), strict=True):
         if value is None:
             continue
-        found = scored(name, **{knob: value})
-        own = result(found, criterion)
-        assert own.level is level, (own.value, value)
-        assert found.level is level
+        outcome = scored(name, **{knob: value})
+        measured = result(outcome, criterion)
+        assert measured.level is level, (measured.value, value)
+        assert outcome.level is level
         if criterion not in ("height", "error", "clearance", "speed"):
             # The last of a descent, and the first of a course, are slower than a hover's bound.
             close = {
                 "rel": 0.02,
                 "abs": 0.12 if (name, criterion) == ("vertical", "altitude") else 0.0,
             }
-            assert own.value == pytest.approx(abs(value), **close)
+            assert measured.value == pytest.approx(abs(value), **close)
         inside = {HandlingLevel.DESIRED: (True, True), HandlingLevel.ADEQUATE: (False, True)}
-        margins = (own.margin(own.criterion.desired), own.margin(own.criterion.adequate))
+        margins = (
+            measured.margin(measured.criterion.desired),
+            measured.margin(measured.criterion.adequate),
+        )
         assert tuple(m >= 0.0 for m in margins) == inside.get(level, (False, False))
 
 
@@ -80,9 +83,9 @@ def test_the_worst_moment_is_where_it_was_put():
 
 def test_time_to_hover_is_from_95_percent_to_half_a_metre_per_second():
     for braking_s, level in ((4.0, "desired"), (7.0, "adequate"), (11.0, "neither")):
-        own = result(scored("hover", braking_s=braking_s), "time")
-        assert own.value == pytest.approx(braking_s * (0.95 - STILL_MPS / 4.0), abs=0.05)
-        assert own.level.value == level
+        measured = result(scored("hover", braking_s=braking_s), "time")
+        assert measured.value == pytest.approx(braking_s * (0.95 - STILL_MPS / 4.0), abs=0.05)
+        assert measured.level.value == level
 
 
 def still_at(length_m, move_s):
@@ -95,33 +98,33 @@ def still_at(length_m, move_s):
 )
 @pytest.mark.parametrize("move_s", [12.7, 19.75, 26.0, 32.0])  # fmt: skip
 def test_time_of_a_course(name, length_m, move_s):
-    own = result(scored(name, move_s=move_s), "time")
+    measured = result(scored(name, move_s=move_s), "time")
     late = still_at(length_m, move_s)
-    assert own.value == pytest.approx((2.0 * late - 1.0) * move_s, abs=0.06)
+    assert measured.value == pytest.approx((2.0 * late - 1.0) * move_s, abs=0.06)
 
 
 def test_time_of_the_vertical_manoeuvre():
     rise, move_s = 25.0 * FT, 5.0
     first = brentq(lambda s: blend(s) * rise - FT, 0.0, 0.5)
     last = still_at(rise, move_s)
-    own = result(scored("vertical"), "time")
-    assert own.value == pytest.approx(move_s * (1.0 - first + last) + 3.0, abs=0.06)
+    measured = result(scored("vertical"), "time")
+    assert measured.value == pytest.approx(move_s * (1.0 - first + last) + 3.0, abs=0.06)
     assert result(scored("vertical", stay_s=6.0), "time").level is HandlingLevel.ADEQUATE
     assert result(scored("vertical", stay_s=11.0), "time").level is HandlingLevel.NEITHER
 
 
 def test_time_around_the_circle_and_capture():
     for around_s, level in ((42.0, "desired"), (55.0, "adequate"), (70.0, "neither")):
-        own = result(scored("pirouette", around_s=around_s), "time")
+        measured = result(scored("pirouette", around_s=around_s), "time")
         # The last 10 ft, of which the ramp of 2 s is a part, do not count.
-        assert around_s - 4.0 < own.value < around_s
-        assert own.level.value == level
+        assert around_s - 4.0 < measured.value < around_s
+        assert measured.level.value == level
     for creep_s, level in ((0.0, "desired"), (6.0, "adequate"), (11.0, "neither")):
         assert result(scored("pirouette", creep_s=creep_s), "capture").level.value == level
 
 
 def test_the_circle_is_found_without_a_target():
-    found = score(pirouette(off=2.0), "pirouette")
-    centre = found.manoeuvre.marks_ned_m.mean(axis=0)
+    outcome = score(pirouette(off=2.0), "pirouette")
+    centre = outcome.manoeuvre.marks_ned_m.mean(axis=0)
     assert np.hypot(*centre) < 0.5
-    assert result(found, "radius").value == pytest.approx(2.0, abs=0.01)
+    assert result(outcome, "radius").value == pytest.approx(2.0, abs=0.01)

@@ -47,34 +47,36 @@ def flown(noise=0.0):
 
 
 def test_a_sweep_gives_the_formulas_response():
-    found = frequency_response(TIME_S, SWEEP, flown())
-    inside = (found.omega_radps > 1.0) & (found.omega_radps < 30.0)
+    response = frequency_response(TIME_S, SWEEP, flown())
+    inside = (response.omega_radps > 1.0) & (response.omega_radps < 30.0)
     assert np.count_nonzero(inside) > 50
-    omega = found.omega_radps[inside]
-    error = found.response[inside] / second_order(omega) - 1.0
+    omega = response.omega_radps[inside]
+    error = response.response[inside] / second_order(omega) - 1.0
     assert np.abs(error).max() < 0.05
-    assert found.coherence[inside].min() > 0.95
+    assert response.coherence[inside].min() > 0.95
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_bandwidth_and_phase_delay(noise):
     neutral = brentq(lambda w: phase_deg(w) + 180.0, 1.0, 30.0)
-    found = bandwidth(frequency_response(TIME_S, SWEEP, flown(noise)))
-    assert found.neutral_radps == pytest.approx(neutral, rel=0.03)
+    criterion = bandwidth(frequency_response(TIME_S, SWEEP, flown(noise)))
+    assert criterion.neutral_radps == pytest.approx(neutral, rel=0.03)
     by_phase = brentq(lambda w: phase_deg(w) + 135.0, 1.0, 30.0)
-    assert found.phase_radps == pytest.approx(by_phase, rel=0.03)
+    assert criterion.phase_radps == pytest.approx(by_phase, rel=0.03)
     level = 2.0 * abs(second_order(neutral))
     by_gain = brentq(lambda w: abs(second_order(w)) - level, 4.0, neutral)
-    assert found.gain_radps == pytest.approx(by_gain, rel=0.08)
+    assert criterion.gain_radps == pytest.approx(by_gain, rel=0.08)
     delay = -np.radians(phase_deg(2.0 * neutral) + 180.0) / (2.0 * neutral)
-    assert found.phase_delay_s == pytest.approx(delay, rel=0.1)
+    assert criterion.phase_delay_s == pytest.approx(delay, rel=0.1)
 
 
 def test_what_the_data_do_not_reach_is_none():
     omega = np.linspace(0.5, 8.0, 400)
-    found = bandwidth(FrequencyResponse(omega, second_order(omega), np.ones(400)))
-    assert found.neutral_radps is None and found.phase_delay_s is None
-    assert found.phase_radps == pytest.approx(brentq(lambda w: phase_deg(w) + 135, 1, 30), rel=1e-3)
+    criterion = bandwidth(FrequencyResponse(omega, second_order(omega), np.ones(400)))
+    assert criterion.neutral_radps is None and criterion.phase_delay_s is None
+    assert criterion.phase_radps == pytest.approx(
+        brentq(lambda w: phase_deg(w) + 135, 1, 30), rel=1e-3
+    )
 
 
 def test_rejection_of_a_known_sensitivity():
@@ -87,12 +89,12 @@ def test_rejection_of_a_known_sensitivity():
 
     system = signal.lti([1.0, 0.0, 0.0], [1.0, 2.0 * d * w, w**2])
     _, disturbed, _ = signal.lsim(system, SWEEP, TIME_S)
-    found = rejection(frequency_response(TIME_S, SWEEP, disturbed))
+    criterion = rejection(frequency_response(TIME_S, SWEEP, disturbed))
     least = brentq(lambda o: 20.0 * np.log10(abs(sensitivity(o))) + 3.0, 0.5, w)
     peak = w / np.sqrt(1.0 - 2.0 * d**2)
-    assert found.bandwidth_radps == pytest.approx(least, rel=0.05)
-    assert found.peak_db == pytest.approx(20.0 * np.log10(abs(sensitivity(peak))), abs=0.4)
-    assert found.peak_radps == pytest.approx(peak, rel=0.15)
+    assert criterion.bandwidth_radps == pytest.approx(least, rel=0.05)
+    assert criterion.peak_db == pytest.approx(20.0 * np.log10(abs(sensitivity(peak))), abs=0.4)
+    assert criterion.peak_radps == pytest.approx(peak, rel=0.15)
 
 
 def test_levels_of_bandwidth():
@@ -137,9 +139,9 @@ def test_a_measure_as_json():
     ],
 )
 def test_sweeps_that_say_nothing_are_refused(change, cause, words):
-    given, answer = change(SWEEP, flown())
+    sweep, answer = change(SWEEP, flown())
     with pytest.raises(HandlingError, match=words) as refused:
-        frequency_response(TIME_S[: given.size], given, answer)
+        frequency_response(TIME_S[: sweep.size], sweep, answer)
     assert refused.value.cause is cause
 
 
@@ -155,16 +157,16 @@ def test_quickness_of_steps(sign):
     system = signal.lti([OMEGA**2], [1.0, 2.0 * 0.5 * OMEGA, OMEGA**2])
     size = np.radians(20.0)
     _, angle, _ = signal.lsim(system, sign * size * ((t >= 2.0) & (t < 11.0)), t)
-    found = changes(t, angle)
-    assert len(found) == 2  # there and back, nothing of the ringing
+    steps = changes(t, angle)
+    assert len(steps) == 2  # there and back, nothing of the ringing
     over = np.exp(-np.pi * 0.5 / np.sqrt(0.75))
-    for change in found:
+    for change in steps:
         assert change.peak_deg == pytest.approx(20.0 * (1.0 + over), rel=0.01)
         assert change.least_deg == pytest.approx(20.0 * (1.0 - over**2), rel=0.01)
         rate = OMEGA * size * np.exp(-np.arccos(0.5) * 0.5 / np.sqrt(0.75))
         assert change.rate_radps == pytest.approx(rate, rel=0.01)
         assert change.quickness_per_s == pytest.approx(rate / (size * (1.0 + over)), rel=0.02)
-    assert found[0].start_s == pytest.approx(2.0, abs=0.05)
+    assert steps[0].start_s == pytest.approx(2.0, abs=0.05)
 
 
 def test_a_sweep_holds_no_change_from_a_steady_attitude():

@@ -177,9 +177,9 @@ def test_collective_gain_of_a_known_force(flight, known):
     _, servo, _ = dlsim((*cont2discrete(system, 0.01)[:4], 0.01), delayed)
     accel = np.zeros_like(flight.accel_body_mps2)
     accel[:, 2] = 20.0 * servo[:, 0] - 0.7 * flight.vel_body_mps[:, 2]
-    found = fit_collective(replace(flight, accel_body_mps2=accel), known, 9.75, 9.781, ROTOR)
-    assert found.force_per_collective == pytest.approx(20.0, rel=1e-3)
-    assert found.force_per_w == pytest.approx(0.7, rel=1e-2)
+    fit = fit_collective(replace(flight, accel_body_mps2=accel), known, 9.75, 9.781, ROTOR)
+    assert fit.force_per_collective == pytest.approx(20.0, rel=1e-3)
+    assert fit.force_per_w == pytest.approx(0.7, rel=1e-2)
     step = 1e-4
     thrust = 9.75 * 9.781
     slope = ROTOR.thrust_per_pitch(thrust)
@@ -191,4 +191,4 @@ def test_collective_gain_of_a_known_force(flight, known):
     assert slope == pytest.approx(
         2 * step / (pitch(thrust + step) - pitch(thrust - step)), rel=1e-6
     )
-    assert found.K_col == pytest.approx(-20.0 * 9.75 / slope, rel=1e-3)
+    assert fit.K_col == pytest.approx(-20.0 * 9.75 / slope, rel=1e-3)

@@ -38,11 +38,11 @@ def identified(flight):
 
 
 def test_significant_entries_of_A_and_B(identified):
-    found = dict(zip(identified.estimate.names, identified.estimate.values, strict=True))
+    values = dict(zip(identified.estimate.names, identified.estimate.values, strict=True))
     names = [n for n in identified.sigma if n[0] != "E" and identified.share.get(n, 0.0) >= 0.01]
     assert len(names) >= 15
     for name, true in zip(names, values_of(names, true_model()), strict=True):
-        assert found[name] == pytest.approx(true, rel=0.02), name
+        assert values[name] == pytest.approx(true, rel=0.02), name
     assert identified.servo_radps == pytest.approx(35.0, rel=0.005)
     assert identified.servo_damping == pytest.approx(0.55, rel=0.005)
     assert identified.delay_ticks == 1
@@ -57,8 +57,8 @@ def test_cost_and_sigma_are_believable(identified):
     truth = dict(
         zip(identified.sigma, values_of(list(identified.sigma), true_model()), strict=True)
     )
-    found = dict(zip(result.names, result.values, strict=True))
-    z = [(found.get(n, 0.0) - truth[n]) / s for n, s in identified.sigma.items() if n != DELAY]
+    values = dict(zip(result.names, result.values, strict=True))
+    z = [(values.get(n, 0.0) - truth[n]) / s for n, s in identified.sigma.items() if n != DELAY]
     assert np.max(np.abs(z)) < 4.5
     assert np.sqrt(np.mean(np.square(z))) < 1.5
 
@@ -194,8 +194,8 @@ def test_yaw_agrees_with_output_error_in_the_time_domain(flight, identified):
 
     start = np.array([-15.0, 80.0, -60.0, -3.0, 1.0])
     result = least_squares(simulate, start, x_scale=np.abs(start))
-    found = [base.A[4, 4], base.A[4, 5], base.B[4, 2], base.B[5, 2], base.B[4, 3]]
-    np.testing.assert_allclose(result.x, found, rtol=0.05)
+    entries = [base.A[4, 4], base.A[4, 5], base.B[4, 2], base.B[5, 2], base.B[4, 3]]
+    np.testing.assert_allclose(result.x, entries, rtol=0.05)
 
 
 def test_trim_of_means_and_flapping_equilibrium(flight, identified):

@@ -181,11 +181,11 @@ def test_every_answer_forbids_to_send_elsewhere(serve):
 
 def test_the_page_itself_forbids_it_too_and_loads_nothing_foreign():
     text = (WEB / "index.html").read_text(encoding="utf-8")
-    (said,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)
-    policy = policy_of(said)
+    (meta,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)
+    policy = policy_of(meta)
     assert policy["default-src"] == policy["form-action"] == policy["base-uri"] == ["'none'"]
     assert policy["connect-src"] == policy["script-src"] == policy["style-src"] == ["'self'"]
-    assert "unsafe" not in said and not re.search(r"\son\w+=|<style|style=", text)
+    assert "unsafe" not in meta and not re.search(r"\son\w+=|<style|style=", text)
     addresses = re.findall(r'(?:src|href|action)="([^"]+)"', text)
     assert addresses and all((WEB / address).is_file() for address in addresses)
     for script in WEB.glob("*.js"):
@@ -268,7 +268,7 @@ def test_a_live_flight_cannot_be_wound(serve):
 
     async def use():
         async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
-            told = await answer(connection, {"type": "replay", "at": 3.0})
-            assert not told["ok"] and "not a replay" in told["text"]
+            reply = await answer(connection, {"type": "replay", "at": 3.0})
+            assert not reply["ok"] and "not a replay" in reply["text"]
 
     asyncio.run(use())

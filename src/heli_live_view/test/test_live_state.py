@@ -202,8 +202,8 @@ def test_a_loss_after_the_hold_was_given_up_says_so(state):
     assert [(a["level"], a["source"]) for a in row["alarms"]] == [(1, "mode")]
     state.take_clock(START_NS + 23 * S, 119.0)
     state.take_status("plant", 2, "The aircraft hit the ground.", {"over": "true"})
-    told = state.row(119.1)["end"]["text"]
-    assert told.endswith("Nothing had held position and altitude for 19 s.")
+    ending = state.row(119.1)["end"]["text"]
+    assert ending.endswith("Nothing had held position and altitude for 19 s.")
     events = {event.text: event.level for event in state.take_events()}
     assert events["mode: attitude"] == 1 and events["The aircraft hit the ground."] == 2
 

@@ -47,7 +47,7 @@ def values():
 
 def streams(length_s=20.0, seed=1, gap_s=(8.0, 12.0)):
     """Random rows; each topic lacks messages at random, and all are silent within the gap."""
-    rng, found = np.random.default_rng(seed), {}
+    rng, made = np.random.default_rng(seed), {}
     for name, size in SIZES.items():
         every = topics.BY_NAME[name].every_ticks
         ticks = np.arange(0, round(100 * length_s), every)
@@ -57,8 +57,8 @@ def streams(length_s=20.0, seed=1, gap_s=(8.0, 12.0)):
         rows = rng.normal(size=(int(kept.sum()), size))
         if size >= 13:
             rows[:, 6:10] /= np.linalg.norm(rows[:, 6:10], axis=1)[:, None]
-        found[name] = Stream(START_NS + ticks[kept].astype(np.int64) * TICK, rows)
-    return found
+        made[name] = Stream(START_NS + ticks[kept].astype(np.int64) * TICK, rows)
+    return made
 
 
 def recording(remarks=(), references=(), **changed):
@@ -103,13 +103,13 @@ def test_a_seek_gives_the_records_values_at_that_time(values):
 
 def test_going_back_is_no_other_than_going_on(values):
     """A state is a function of the time, whatever was looked at before."""
-    replay = Replay(recording(said()), values)
+    replay = Replay(recording(remarks_of()), values)
     stamps = [replay.recording.stamp(t) for t in (3.0, 15.0, 7.77, 19.9, 0.0)]
     once = [replay.state(stamp) for stamp in stamps]
     assert [replay.state(stamp) for stamp in reversed(stamps)] == once[::-1]
 
 
-def said():
+def remarks_of():
     """What nodes say: the outer loop its offset, the plant a fault and the end."""
     outer = {FACT_OFFSET: "[1.0, 0.0, 0.0]", "mode": "hover"}
     every = [
@@ -127,15 +127,15 @@ def said():
 def test_largest_errors_are_those_so_far(values):
     """Of every message up to the moment, from the reference as moved; never of later ones."""
     way = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0)
-    r = recording(said(), [(START_NS, way)], gap_s=(30.0, 30.0))
+    r = recording(remarks_of(), [(START_NS, way)], gap_s=(30.0, 30.0))
     replay = Replay(r, values)
     stream = r.streams[topics.ODOM]
     for time_s in (1.0, 6.5, 19.5):
         stamp_ns = r.stamp(time_s)
-        found = replay.state(stamp_ns)["largest"]["whole"]["nav"]["longitudinal_m"]
+        largest = replay.state(stamp_ns)["largest"]["whole"]["nav"]["longitudinal_m"]
         until = {late: np.abs(stream.rows[stream.stamp_ns <= stamp_ns - late, 0] - 1.0).max()
                  for late in (0, 7 * TICK)}  # fmt: skip
-        assert until[7 * TICK] - 1e-4 <= found <= until[0] + 1e-4
+        assert until[7 * TICK] - 1e-4 <= largest <= until[0] + 1e-4
     assert replay.state(r.last_ns)["end"] == {"kind": "over", "text": "flight over after 20 s"}
 
 
@@ -235,7 +235,7 @@ TOO_FAR = {"refused.goto": "1; goto: too far"}
 
 
 def test_modes_failsafes_and_refusals_come_from_what_is_said():
-    found = of_remarks(
+    events = of_remarks(
         [
             remark(0.0, mode="standing", failsafe="NONE"),
             remark(2.0, mode="takeoff", failsafe="NONE"),
@@ -246,7 +246,7 @@ def test_modes_failsafes_and_refusals_come_from_what_is_said():
         ],
         START_NS,
     )  # fmt: skip
-    assert [(h.time_s, h.kind, h.level, h.text) for h in found] == [
+    assert [(h.time_s, h.kind, h.level, h.text) for h in events] == [
         (0.0, "mode", 0, "mode: standing"), (2.0, "mode", 0, "mode: takeoff"),
         (3.0, "failsafe", 1, "failsafe: hold lean"), (4.0, "refusal", 1, "refused: goto: too far"),
         (5.0, "failsafe", 0, "failsafe ends"), (6.0, "end", 2, "lost: hit the ground"),
@@ -254,9 +254,9 @@ def test_modes_failsafes_and_refusals_come_from_what_is_said():
 
 
 def test_faults_have_a_beginning_and_an_end():
-    found = of_faults(["gps bias 1.5, -2, 0 from 40.1 to 45.1 s", "baro freeze from 7 s on",
+    events = of_faults(["gps bias 1.5, -2, 0 from 40.1 to 45.1 s", "baro freeze from 7 s on",
                        "baro freeze from 7 s on", "no time"])  # fmt: skip
-    assert [(h.time_s, h.text) for h in found] == [
+    assert [(h.time_s, h.text) for h in events] == [
         (40.1, "gps bias 1.5, -2, 0 begins"), (45.1, "gps bias 1.5, -2, 0 ends"),
         (7.0, "baro freeze begins"),
     ]  # fmt: skip
@@ -279,9 +279,9 @@ def test_what_is_said_twice_is_one_event():
 
 
 def test_the_greeting_names_span_events_and_report(values):
-    told = Telling("Flown to its end.", ["a note"], "report.html")
+    outcome = Telling("Flown to its end.", ["a note"], "report.html")
     replay = Replay(
-        recording(said()), values, told, [FlightEvent(9.0, "ground", 0, "ground", "down")]
+        recording(remarks_of()), values, outcome, [FlightEvent(9.0, "ground", 0, "ground", "down")]
     )
     hello = json.loads(replay.hello())
     assert hello["commands"] is False and hello["history"] == []

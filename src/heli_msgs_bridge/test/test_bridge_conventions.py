@@ -83,21 +83,21 @@ def test_a_sender_with_other_frames_is_read_fast_from_its_second_message_on(topi
 
 def diagonals(message):
     """Every covariance of a message: name -> its diagonal."""
-    found = {}
+    variances = {}
 
     def look(part, path):
         for name in part.get_fields_and_field_types():
             value = getattr(part, name)
             if name.endswith("covariance"):
                 size = math.isqrt(len(value))
-                found[f"{path}{name}"] = np.array(value).reshape(size, size).diagonal()
+                variances[f"{path}{name}"] = np.array(value).reshape(size, size).diagonal()
             elif name == "variance":
-                found[f"{path}{name}"] = np.array([value])
+                variances[f"{path}{name}"] = np.array([value])
             elif hasattr(value, "get_fields_and_field_types"):
                 look(value, f"{path}{name}.")
 
     look(message, "")
-    return found
+    return variances
 
 
 @pytest.mark.parametrize("topic", CHANNELS)
@@ -115,21 +115,21 @@ def test_no_variance_is_zero(topic):
 
 def test_what_is_not_measured_has_a_variance_that_nobody_believes():
     assert (diagonals(sent(topics.GPS_VELOCITY))["twist.covariance"] >= 1e6).all()
-    told = diagonals(sent(topics.GPS_VELOCITY, variances=(0.01,)))["twist.covariance"]
-    assert told[:3].tolist() == [0.01] * 3 and (told[3:] >= 1e6).all()
+    variances = diagonals(sent(topics.GPS_VELOCITY, variances=(0.01,)))["twist.covariance"]
+    assert variances[:3].tolist() == [0.01] * 3 and (variances[3:] >= 1e6).all()
     rate = diagonals(sent(topics.ODOM, variances=(4e-6,)))["twist.covariance"][3:]
     assert rate.tolist() == [4e-6] * 3
 
 
 def test_a_perfect_sensor_is_not_one_of_unknown_quality():
-    told = diagonals(sent(topics.IMU, variances=(0.0, 0.0)))
+    variances = diagonals(sent(topics.IMU, variances=(0.0, 0.0)))
     for name in ("angular_velocity_covariance", "linear_acceleration_covariance"):
-        assert (told[name] > 0.0).all() and (told[name] < 1e-12).all()
+        assert (variances[name] > 0.0).all() and (variances[name] < 1e-12).all()
 
 
 def test_up_has_a_variance_of_its_own():
-    told = diagonals(sent(topics.GPS_FIX, variances=((1.0, 1.0, 2.25),)))
-    assert told["position_covariance"].tolist() == [1.0, 1.0, 2.25]
+    variances = diagonals(sent(topics.GPS_FIX, variances=((1.0, 1.0, 2.25),)))
+    assert variances["position_covariance"].tolist() == [1.0, 1.0, 2.25]
 
 
 # --- the receiver ------------------------------------------------------------------------------

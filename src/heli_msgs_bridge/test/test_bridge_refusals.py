@@ -95,18 +95,18 @@ def test_a_child_frame_that_says_frd():
 @pytest.mark.parametrize("namespace", ["", "/heli2"])
 def test_a_node_takes_the_frames_of_its_own_aircraft_alone(topic, namespace):
     """Another aircraft's, another sensor's, none: refused by name, and the next one is taken."""
-    own = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
+    of_its_own = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
     decoder = Decoder(topic, place(topic), namespace=namespace)
-    allowed = decoder.decode(own).copy()
+    allowed = decoder.decode(of_its_own).copy()
     kind = topics.message_class(topics.BY_NAME[topic].type)
-    frame = deserialize_message(own, kind).header.frame_id
+    frame = deserialize_message(of_its_own, kind).header.frame_id
     for other in ("heli3/imu_link", "camera", "", "\x1b[2J" + "x" * 10_000):
-        message = deserialize_message(own, kind)
+        message = deserialize_message(of_its_own, kind)
         message.header.frame_id = other
         with pytest.raises(FrameError, match=f"; allowed: '{frame}'$") as caught:
             decoder.decode(serialize_message(message))
         assert len(str(caught.value)) < 150 and str(caught.value).isprintable()
-        assert decoder.decode(own).tolist() == allowed.tolist()
+        assert decoder.decode(of_its_own).tolist() == allowed.tolist()
 
 
 def test_a_node_takes_the_child_frame_of_its_own_aircraft_alone():
@@ -137,10 +137,10 @@ def test_a_long_message_is_not_even_deserialised(topic):
 
 def test_a_way_for_another_aircraft_is_refused():
     message = reference(point(0))
-    for names, said in ((["heli2/base_link"], "'heli2/base_link'"), (["a", "b"], "'a', 'b'")):
+    for names, quoted in ((["heli2/base_link"], "'heli2/base_link'"), (["a", "b"], "'a', 'b'")):
         message.joint_names = names
         decode_reference(message)
-        with pytest.raises(MessageError, match=f"for {said}; allowed: 'base_link', or no name"):
+        with pytest.raises(MessageError, match=f"for {quoted}; allowed: 'base_link', or no name"):
             decode_reference(message, "/")
     message.joint_names, message.header.frame_id = [], "odom"
     with pytest.raises(MessageError, match="reference: frame 'odom'; allowed: 'map'"):

@@ -37,7 +37,7 @@ class LockstepMachine(RuleBasedStateMachine):
 
     @initialize()
     def build(self):
-        self.time_s, self.open, self.told = 0.0, True, 0
+        self.time_s, self.open, self.silences = 0.0, True, 0
         self.made = []
         self.real = Lockstep(
             DEMANDS,
@@ -56,7 +56,7 @@ class LockstepMachine(RuleBasedStateMachine):
         self.forget()
 
     def hear_of_silence(self):
-        self.told += 1
+        self.silences += 1
         assert self.real.silent
 
     def forget(self):
@@ -231,7 +231,7 @@ class LockstepMachine(RuleBasedStateMachine):
         assert self.made == self.expected
         assert self.refused == self.expected_refused
         assert self.real.silent == self.silent
-        assert self.told == self.expected_told
+        assert self.silences == self.expected_told
 
 
 class LeaderMachine(LockstepMachine):

@@ -73,8 +73,8 @@ def test_commands_need_the_token_and_tell_the_answer(page, flown):
 def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
     flight = flown(commands=True)
     allowed(page, flight)
-    told = page.text("#tells-mode")
-    assert "nothing holds position and altitude" in told
+    mode_text = page.text("#tells-mode")
+    assert "nothing holds position and altitude" in mode_text
     attitude = "document.querySelector('#f-mode [value=attitude]')"
     opened = "document.getElementById('ask').open"
 
@@ -286,8 +286,8 @@ def test_the_end_and_its_cause_stand_on_top_and_nothing_can_be_sent(
     assert page.text("#answer").startswith("The flight has ended")
     assert flight.received == []
     assert page.text("#connection-text").lower() == word
-    told = page.text("#banner-text")
-    assert told.startswith(sentence) and (cause in told) == (kind != "over")
+    banner = page.text("#banner-text")
+    assert banner.startswith(sentence) and (cause in banner) == (kind != "over")
     top, bottom = page.value(
         "(() => { const r = document.getElementById('banner').getBoundingClientRect();"
         " return [r.top, r.bottom]; })()"

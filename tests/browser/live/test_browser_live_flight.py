@@ -27,14 +27,14 @@ def flight(tmp_path, own_domain):
     process = subprocess.Popen(
         command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
-    said = ""
+    output = ""
     for line in process.stdout:
-        said += line
-        if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
-            yield process, found.group()
+        output += line
+        if address := re.search(r"http://127\.0\.0\.1:\d+/", line):
+            yield process, address.group()
             break
     else:
-        pytest.fail(said)
+        pytest.fail(output)
     if process.poll() is None:
         process.terminate()
         process.communicate(timeout=60)
@@ -77,9 +77,9 @@ def test_flight_is_shown_above_its_shadow_in_real_time(page, flight, tmp_path):
     assert abs(result["real_time_factor"] - 1.0) < 0.01
     # The largest errors on the page are those of the report, but for messages that it has missed.
     assert largest["since_s"] < 0.1
-    for found in result["metrics"]:
-        if found["measured_from"] == "navigation":
-            name = next(bound for bound, key in BOUNDS.items() if key == found["key"])
-            shown = largest[found["stretch"]]["nav"][name]
-            assert 0.9 * found["max"] < shown < found["max"] + 1e-3
+    for metric in result["metrics"]:
+        if metric["measured_from"] == "navigation":
+            name = next(bound for bound, key in BOUNDS.items() if key == metric["key"])
+            shown = largest[metric["stretch"]]["nav"][name]
+            assert 0.9 * metric["max"] < shown < metric["max"] + 1e-3
     assert [e for e in page.errors if "ERR_CONNECTION_REFUSED" not in e] == []

@@ -7,8 +7,8 @@ import pytest
 
 
 def off_origin(page, flight):
-    own = (flight.url, flight.url.replace("http", "ws"))
-    return [url for url in page.requests if not url.startswith((*own, "blob:", "data:"))]
+    addresses = (flight.url, flight.url.replace("http", "ws"))
+    return [url for url in page.requests if not url.startswith((*addresses, "blob:", "data:"))]
 
 
 def test_page_draws_everything_offline(page, flown):
@@ -105,8 +105,8 @@ def test_largest_errors_are_the_nodes_of_the_flight_and_of_the_windows(page, flo
         assert page.value(f"{room}(document.querySelector('.bounds'))") > -0.5, (
             "a column is cut off"
         )
-    told = "document.getElementById('bounds-of').innerText"
-    assert page.value(told) == "ground truth"
+    bounds = "document.getElementById('bounds-of').innerText"
+    assert page.value(bounds) == "ground truth"
     climb = "document.getElementById('climb')"
     assert page.value(f"{climb}.innerText") == (
         "climb: overshoot 0.17 m, time not reached, lag 0.78 s"
@@ -117,7 +117,7 @@ def test_largest_errors_are_the_nodes_of_the_flight_and_of_the_windows(page, flo
     assert page.value(f"{climb}.hidden")
     # Who came late says so: what was before is not in it.
     flight.change["largest"]["since_s"] = 12.3
-    page.wait(f"{told} === 'navigation, as in the paper, from 12 s on'")
+    page.wait(f"{bounds} === 'navigation, as in the paper, from 12 s on'")
     assert page.errors == []
 
 

@@ -27,8 +27,8 @@ def flight(tmp_path_factory):
     settings = resolve(duration_s=DURATION_S, overrides={"plant": {"faults": [FAULT]}})
     folder = flown_folder(tmp_path_factory.mktemp("flown") / "flight", settings)
     windows = {"stretch": "scored windows", "when": "5 to 8 s", "inside": True, "decides": True}
-    told = {"flown_s": 8.0, "notes": ["a <b>note</b>"], "verdicts": {"windows": windows}}
-    (folder / "result.json").write_text(json.dumps(told))
+    result = {"flown_s": 8.0, "notes": ["a <b>note</b>"], "verdicts": {"windows": windows}}
+    (folder / "result.json").write_text(json.dumps(result))
     (folder / "report.html").write_text(
         "<title>the report</title><script>document.title += window.origin</script>"
     )
@@ -110,9 +110,9 @@ def test_seeks_are_answered_in_the_order_of_their_wishes(page, shown):
         f" {AT}.dispatchEvent(new Event('input')); }} }})()"
     )
     at(page, 6.0)
-    seen = page.value("window.seen")
-    assert seen == sorted(seen) and seen[-1] == 6.0
-    assert len(seen) < 30, "of the wishes in between only the last is sent"
+    answers = page.value("window.seen")
+    assert answers == sorted(answers) and answers[-1] == 6.0
+    assert len(answers) < 30, "of the wishes in between only the last is sent"
     assert page.errors == []
 
 
