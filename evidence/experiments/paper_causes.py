@@ -116,7 +116,8 @@ def experiment(options: Options, worlds: Sequence[str]) -> dict[str, Any]:
         conditions_of[f"{world}, {test}"] = conditions(settings).splitlines()
     gamma = resolve(laws="paper").nodes["inner_loop"]["gamma"]
     return {
-        "gamma": gamma, "seeds": options.seeds, "conditions": conditions_of, "rows": list(rows.values())
+        "gamma": gamma, "seeds": options.seeds, "conditions": conditions_of,
+        "rows": list(rows.values())
     }  # fmt: skip
 
 

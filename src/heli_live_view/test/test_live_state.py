@@ -174,23 +174,25 @@ def test_without_setpoints_attitude_is_held(state):
 
 def test_the_end_stays_on_show(state):
     fly(state, 100.0, 4.0)
-    state.take_status("plant", 0, "flight over after 4 s", {"over": "true"})
+    message = "flight over after 4 s"
+    state.take_status("plant", 0, message, {"over": "true"})
     row = state.row(200.0)
     assert row["mode"] == "over" and row["truth"] is not None
-    assert row["nodes"]["plant"] == {
-        "state": "ended", "level": 0, "message": "flight over after 4 s"
-    }  # fmt: skip
-    assert row["alarms"] == [] and row["end"] == {"kind": "over", "text": "flight over after 4 s"}
+    assert row["nodes"]["plant"] == {"state": "ended", "level": 0, "message": message}
+    assert row["alarms"] == [] and row["end"] == {"kind": "over", "text": message}
+
+
+CAUSE = "The aircraft hit the ground."
 
 
 def test_a_loss_is_told_with_its_cause(state):
     fly(state, 100.0, 4.0)
     state.row(100.0)
-    state.take_status("plant", 2, "The aircraft hit the ground.", {"over": "true"})
+    state.take_status("plant", 2, CAUSE, {"over": "true"})
     row = state.row(100.1)
-    assert row["end"] == {"kind": "lost", "text": "The aircraft hit the ground."}
+    assert row["end"] == {"kind": "lost", "text": CAUSE}
     assert row["mode"] == "over"
-    assert {"level": 2, "source": "plant", "text": "The aircraft hit the ground."} in row["alarms"]
+    assert {"level": 2, "source": "plant", "text": CAUSE} in row["alarms"]
 
 
 def test_a_loss_after_the_hold_was_given_up_says_so(state):
@@ -201,11 +203,11 @@ def test_a_loss_after_the_hold_was_given_up_says_so(state):
     assert row["mode"] == "attitude" and row["end"] is None
     assert [(a["level"], a["source"]) for a in row["alarms"]] == [(1, "mode")]
     state.take_clock(START_NS + 23 * S, 119.0)
-    state.take_status("plant", 2, "The aircraft hit the ground.", {"over": "true"})
+    state.take_status("plant", 2, CAUSE, {"over": "true"})
     ending = state.row(119.1)["end"]["text"]
     assert ending.endswith("Nothing had held position and altitude for 19 s.")
     events = {event.text: event.level for event in state.take_events()}
-    assert events["mode: attitude"] == 1 and events["The aircraft hit the ground."] == 2
+    assert events["mode: attitude"] == 1 and events[CAUSE] == 2
 
 
 def test_who_is_stopped_before_the_end_says_interrupted(state):

@@ -131,8 +131,6 @@ def test_the_state_is_a_key_and_in_bags_from_before_it_a_sentence(message, state
 
 
 def test_a_refusal_comes_back_out_of_its_text():
-    assert refusal_of(refusal_text(3, "goto: too far; allowed: 2 m")) == (
-        3,
-        "goto: too far; allowed: 2 m",
-    )
+    reason = "goto: too far; allowed: 2 m"
+    assert refusal_of(refusal_text(3, reason)) == (3, reason)
     assert refusal_of("none") == (0, "")
