@@ -5,6 +5,8 @@ import errno
 import json
 import os
 import re
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
 
@@ -223,6 +225,30 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
     assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
     assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1
     assert rows[1]["in.plant.scale.mass"] == spec.inputs[1][0]
+
+
+LISTENING = """
+import psutil
+from heli_studies.campaign.run import connected
+
+if __name__ == "__main__":
+    with connected(1, None):
+        ours = psutil.Process()
+        for process in (ours, *ours.children(recursive=True)):
+            for socket in process.net_connections(kind="inet"):
+                if socket.status == psutil.CONN_LISTEN:
+                    print(socket.laddr.ip)
+"""
+
+
+def test_a_campaign_listens_on_this_machine_alone(tmp_path):
+    """Dashboards, too: by default they listen on every address of the machine."""
+    script = tmp_path / "listening.py"
+    script.write_text(LISTENING)
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert set(done.stdout.split()) == {"127.0.0.1"}
 
 
 def test_rows_can_be_read_by_anybody(spec, file, tmp_path):

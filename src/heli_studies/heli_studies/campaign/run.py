@@ -367,7 +367,7 @@ def connected(workers: int, scheduler: str | None) -> Iterator[Any]:
             with interrupts.held_back():
                 cluster = LocalCluster(
                     n_workers=workers, threads_per_worker=1, processes=True,
-                    dashboard_address=":0", silence_logs=_SILENT, config=_UNPROFILED,
+                    dashboard_address=None, silence_logs=_SILENT, config=_UNPROFILED,
                 )  # fmt: skip
                 address = ends.enter_context(cluster)
         else:
