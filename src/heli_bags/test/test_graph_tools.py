@@ -33,8 +33,8 @@ class ScriptedGraph:
         return [(name, ["std_msgs/msg/Empty"]) for name in {row[2] for row in self._known()}]
 
     def _infos(self, kind, name):
-        found = [row for row in self._known() if row[1:] == (kind, name)]
-        return [SimpleNamespace(node_name="other") for _ in found]
+        rows = [row for row in self._known() if row[1:] == (kind, name)]
+        return [SimpleNamespace(node_name="other") for _ in rows]
 
     def get_publishers_info_by_topic(self, name):
         return self._infos("publisher", name)
@@ -98,8 +98,8 @@ def test_hidden_topics_are_left_out_unless_asked_for(graph):
 def test_the_listener_waits_for_the_publisher_whose_qos_it_needs(graph):
     """A latched message that was sent before is lost on whoever asks without knowing its QoS."""
     node = graph((0.1, "subscriber", "/reference"), (1.4, "publisher", "/reference"))
-    found = graph_tools.find(node, "reference", graph_tools.SETTLED_S)
-    assert (found.topic, found.publishers) == ("/reference", 1)
+    status = graph_tools.find(node, "reference", graph_tools.SETTLED_S)
+    assert (status.topic, status.publishers) == ("/reference", 1)
     silent = graph((0.1, "subscriber", "/reference"))
     assert graph_tools.find(silent, "/reference", graph_tools.SETTLED_S).publishers == 0
     late = graph((0.1, "subscriber", "/reference"), (20.0, "publisher", "/reference"))

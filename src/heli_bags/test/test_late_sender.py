@@ -56,5 +56,5 @@ def test_a_recording_that_has_ended_stays_the_last_word(bench, tmp_path):
     node = recorder.node
     node._complain(BagError("no space left"))
     node.report(Level.OK, "records")
-    told = node.health.level, node.health.message, node.health.state
-    assert told == (Level.ERROR, "no space left", NodeState.FAILED)
+    status = node.health.level, node.health.message, node.health.state
+    assert status == (Level.ERROR, "no space left", NodeState.FAILED)

@@ -71,9 +71,9 @@ def test_a_sensor_that_is_late_has_gaps_only_where_messages_lack(tmp_path, first
                 valid = tick - late_ticks * (name == topics.GPS_FIX)
                 row = np.zeros(CHANNELS[name].size)
                 bag.write(name, encoders[name].encode(row, 1_000_000_000 + valid * TICK_NS))
-        found = bag.missing()
+        incomplete = bag.missing()
         bag.close()
-        return found
+        return incomplete
 
     assert missing(tmp_path / "whole", ()) == []
     assert missing(tmp_path / "middle", (140,)) == [topics.GPS_FIX]
@@ -184,16 +184,16 @@ def test_second_reader_decodes_it_by_its_own_schemas(tmp_path, form):
     record(tmp_path / "bag", form)
     with open(tmp_path / "bag" / "bag_0.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        seen = dict.fromkeys(NAMES, 0)
+        counts = dict.fromkeys(NAMES, 0)
         for schema, channel, message, decoded in reader.iter_decoded_messages():
             name = channel.topic.removeprefix("/heli/")
             assert schema.encoding == "ros2msg" and channel.message_encoding == "cdr"
             stamp = decoded.header.stamp
             assert message.log_time == stamp.sec * 10**9 + stamp.nanosec
             if name == topics.ACTUATORS:
-                assert decoded.position[0] == seen[name]
-            seen[name] += 1
-        assert seen == dict.fromkeys(NAMES, TICKS)
+                assert decoded.position[0] == counts[name]
+            counts[name] += 1
+        assert counts == dict.fromkeys(NAMES, TICKS)
         summary = reader.get_summary()
     assert summary.statistics.message_count == TICKS * len(NAMES)
 
@@ -343,10 +343,10 @@ def fill(folder, form, limit, flush_every=20):
         cwd=Path(__file__).parent, capture_output=True, text=True, timeout=150,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    times, said = done.stdout.split(" ", 1)
-    assert times == "1" and len(said.splitlines()) == 1, done.stdout
-    assert f"{folder}: recording stopped: " in said
-    return said
+    times, sentence = done.stdout.split(" ", 1)
+    assert times == "1" and len(sentence.splitlines()) == 1, done.stdout
+    assert f"{folder}: recording stopped: " in sentence
+    return sentence
 
 
 def is_beginning(folder):
@@ -360,10 +360,10 @@ def is_beginning(folder):
 @pytest.mark.parametrize("flush_every", [20, 10**6], ids=["often", "never"])
 @pytest.mark.parametrize("form", ["mcap", "sqlite3"])
 def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form, flush_every):
-    said = fill(small_disk / "bag", form, 0, flush_every)
-    assert "No space left" in said or "full" in said
+    sentence = fill(small_disk / "bag", form, 0, flush_every)
+    assert "No space left" in sentence or "full" in sentence
     count = is_beginning(small_disk / "bag")
-    assert f"the bag holds {count} messages" in said
+    assert f"the bag holds {count} messages" in sentence
     assert count > 1500
 
 
@@ -372,8 +372,8 @@ def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form, flush_
 )
 def test_disk_without_room_for_the_index_is_repaired(tmp_path, form, limit):
     """Writes fail in the middle of a file and ever after (by the limit of a file's size)."""
-    said = fill(tmp_path / "bag", form, limit)
-    if "heli bag repair" in said:
+    sentence = fill(tmp_path / "bag", form, limit)
+    if "heli bag repair" in sentence:
         assert repair(tmp_path / "bag", tmp_path / "new").messages > 300
         assert is_beginning(tmp_path / "new") > 300
     else:

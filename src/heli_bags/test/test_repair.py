@@ -105,14 +105,14 @@ def test_cut_anywhere(whole, scratch, form, part):
     bag, new = cut(whole, scratch, form, size)
     before = data_file(bag).read_bytes()
     try:
-        found = repair(bag, new)
+        result = repair(bag, new)
     except BagError as error:
         assert str(bag) in str(error) and not new.exists()
         assert size < 20_000
         return
-    assert found is not None and found.folder == str(new)
+    assert result is not None and result.folder == str(new)
     kept = content(new)
-    assert found.messages == len(kept)
+    assert result.messages == len(kept)
     assert kept == sorted(SENT[: len(kept)], key=lambda row: row[1])
     assert data_file(bag).read_bytes() == before
     if form == "mcap":
@@ -131,12 +131,12 @@ def test_cut_database(whole, scratch, part):
     file = data_file(whole / "sqlite3")
     bag, new = cut(whole, scratch, "sqlite3", round(part * file.stat().st_size))
     try:
-        found = repair(bag, new)
+        result = repair(bag, new)
     except BagError as error:
         assert "no message that can be read" in str(error) and part < 0.1
         return
     kept = content(new)
-    assert found.messages == len(kept) and set(kept) <= set(SENT)
+    assert result.messages == len(kept) and set(kept) <= set(SENT)
     assert len(kept) > (part - 0.3) * len(SENT)
 
 
@@ -149,8 +149,8 @@ def test_recorder_that_never_closed(tmp_path, form):
     bag = tmp_path / "killed"
     with pytest.raises(BagError, match=f"heli bag repair {bag}"):
         read_bag(bag)
-    found = repair(bag)
-    assert found.folder == f"{bag}_repaired"
+    result = repair(bag)
+    assert result.folder == f"{bag}_repaired"
     flushed = len(SENT) // 60 * 60
     assert content(bag.with_name("killed_repaired")) == SENT[:flushed]
     assert trouble(bag.with_name("killed_repaired")) == ""
@@ -160,8 +160,8 @@ def test_recorder_that_never_closed(tmp_path, form):
 def test_missing_metadata_is_written_anew(whole, tmp_path, form):
     shutil.copytree(whole / form, tmp_path / form)
     (tmp_path / form / "metadata.yaml").unlink()
-    found = repair(tmp_path / form, in_place=True)
-    assert found.trouble == "metadata.yaml is missing" and found.lost_bytes == 0
+    result = repair(tmp_path / form, in_place=True)
+    assert result.trouble == "metadata.yaml is missing" and result.lost_bytes == 0
     assert content(tmp_path / form) == SENT
     assert content(data_file(tmp_path / f"{form}_damaged")) == SENT
     restored, original = bag_info(tmp_path / form), bag_info(whole / form)
@@ -192,8 +192,8 @@ def test_bag_of_another_recorder(tmp_path):
             writer.write(connection, stamp_ns, raw)
     file = data_file(tmp_path / "bag")
     file.write_bytes(file.read_bytes()[:50_000])
-    found = repair(tmp_path / "bag", tmp_path / "new")
-    assert 100 < found.messages < 200
+    result = repair(tmp_path / "bag", tmp_path / "new")
+    assert 100 < result.messages < 200
     (row,) = bag_info(tmp_path / "new").topics
     assert row.hash == store.hash_rihs01(kind)
 
@@ -210,9 +210,9 @@ def test_damaged_chunk_is_left_out(whole, tmp_path, form):
     middle = chunk.chunk_start_offset + chunk.chunk_length // 2
     raw[middle : middle + 200] = bytes(200)
     file.write_bytes(raw)
-    found = repair(tmp_path / "bag")
-    assert found.damaged_chunks == 1
-    assert len(SENT) - 60 <= found.messages < len(SENT)
+    result = repair(tmp_path / "bag")
+    assert result.damaged_chunks == 1
+    assert len(SENT) - 60 <= result.messages < len(SENT)
 
 
 def test_messages_that_were_compressed_one_by_one(tmp_path):
@@ -228,8 +228,8 @@ def test_messages_that_were_compressed_one_by_one(tmp_path):
         (raw,) = database.execute("SELECT data FROM messages WHERE id = 7").fetchone()
         damaged = raw[:20] + bytes(len(raw) - 20)
         database.execute("UPDATE messages SET data = ? WHERE id = 7", (damaged,))
-    found = repair(tmp_path / "bag", tmp_path / "new")
-    assert (found.damaged_chunks, found.messages) == (1, TICKS - 1)
+    result = repair(tmp_path / "bag", tmp_path / "new")
+    assert (result.damaged_chunks, result.messages) == (1, TICKS - 1)
     whole = [raw for _, _, raw in SENT[::2]]
     assert [raw for _, _, raw in content(tmp_path / "new")] == whole[:6] + whole[7:]
 

@@ -37,7 +37,7 @@ class Idle(ManagedNode[None, None]):
 
 
 @pytest.fixture
-def said(ros_context):
+def watched_node(ros_context):
     """A node in a namespace that nothing happens to: what it says, and when it was sent, s."""
     values = load(with_common(()), [config_folder("heli_core") / "common.yaml"], "idle")
     node = Idle(values | {"peers": []}, context=ros_context, namespace="heli2")
@@ -66,15 +66,15 @@ def said(ros_context):
 
 
 @pytest.mark.slow
-def test_a_node_whose_time_stands_still_speaks_once_a_second(said):
-    _, wait_for = said
+def test_a_node_whose_time_stands_still_speaks_once_a_second(watched_node):
+    _, wait_for = watched_node
     times = [at for at, _ in wait_for(6)]
     # A crowded machine makes one late, and so the period after it short.
     assert 0.8 < np.median(np.diff(times)) < 1.5, times
 
 
-def test_a_status_is_of_an_aircraft_and_of_now(said):
-    node, wait_for = said
+def test_a_status_is_of_an_aircraft_and_of_now(watched_node):
+    node, wait_for = watched_node
     node.tick = 700
     (_, message) = wait_for(1)[0]
     (status,) = message.status

@@ -40,9 +40,9 @@ def test_never_more_than_the_rate_and_the_burst(pauses_s):
     assert passed + limit.refused == len(pauses_s) and passed >= 1
 
 
-@pytest.mark.parametrize(("size", "said"), [(MOST_BYTES, False), (MOST_BYTES + 1, True)])
-def test_a_message_may_be_so_long(size, said):
-    assert bool(too_long("odom", size)) == said
+@pytest.mark.parametrize(("size", "refused"), [(MOST_BYTES, False), (MOST_BYTES + 1, True)])
+def test_a_message_may_be_so_long(size, refused):
+    assert bool(too_long("odom", size)) == refused
 
 
 class Service:
@@ -58,14 +58,14 @@ class Service:
 
 
 def test_a_flood_is_refused_in_the_answer_before_anything_is_judged():
-    told = []
+    log = []
     service = Service(SetParameters)
-    guard(service, told.append, lambda: "more than 50 requests; ask less often")
+    guard(service, log.append, lambda: "more than 50 requests; ask less often")
     request = SetParameters.Request(parameters=[Parameter(name="a"), Parameter(name="b")])
     answer = service.callback(request, SetParameters.Response())
     assert [r.reason for r in answer.results] == ["more than 50 requests; ask less often"] * 2
-    assert not any(r.successful for r in answer.results) and service.asked == 0 and not told
+    assert not any(r.successful for r in answer.results) and service.asked == 0 and not log
     free = Service(ChangeState)
-    guard(free, told.append)
+    guard(free, log.append)
     free.callback(ChangeState.Request(), ChangeState.Response())
     assert free.asked == 1

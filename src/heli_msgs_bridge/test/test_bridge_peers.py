@@ -20,7 +20,7 @@ class Sender(ManagedNode):
     links = ()
 
     def __init__(self, values, **options):
-        self.said, self.heard_early = threading.Semaphore(0), []
+        self.waiting_reports, self.heard_early = threading.Semaphore(0), []
         super().__init__(values, **options)
 
     def configure(self):
@@ -34,7 +34,7 @@ class Sender(ManagedNode):
     def report(self, level, message, facts=None, state=NodeState.RUNNING):
         super().report(level, message, facts, state)
         if state == NodeState.WAITING:
-            self.said.release()
+            self.waiting_reports.release()
 
 
 @pytest.fixture
@@ -67,9 +67,9 @@ def hear(node, topic):
     node.create_subscription(kind, topic, print, topics.qos(topic))
 
 
-def said(sender, times):
+def await_reports(sender, times):
     """Wait until the sender has said so many times more that it waits."""
-    assert all(sender.said.acquire(timeout=120) for _ in range(times))
+    assert all(sender.waiting_reports.acquire(timeout=120) for _ in range(times))
 
 
 def waits(sender):
@@ -97,7 +97,7 @@ def test_one_that_compiles_is_waited_for_beyond_the_limit(sender, peer):
     observer = peer("observer")
     ended = waits(sender)
     # It says so ten times a second: this is five times the limit.
-    said(sender, 5)
+    await_reports(sender, 5)
     hear(observer, topics.IMU)
     assert ended() == ""
     assert sender.health.message == "waiting for observer to get ready"
@@ -118,7 +118,7 @@ def test_one_that_ends_while_it_compiles_is_given_up(sender, peer, ros_context):
     # Long enough for another participant to be discovered.
     sender.values["connect_timeout_s"] = 3.0
     ended = waits(sender)
-    said(sender, 1)
+    await_reports(sender, 1)
     observer.destroy_node()
     rclpy.shutdown(context=context)
     assert "missing observer" in ended()
@@ -139,7 +139,7 @@ def test_links_between_others_are_waited_for(sender, peer):
     hear(peer("observer"), topics.IMU)
     inner = peer("inner_loop")
     ended = waits(sender)
-    said(sender, 3)
+    await_reports(sender, 3)
     hear(inner, topics.ODOM)
     assert ended() == ""
     assert sender.health.message == "waiting for inner_loop to get ready"
@@ -148,7 +148,7 @@ def test_links_between_others_are_waited_for(sender, peer):
 def test_one_that_is_asked_to_end_ceases_to_wait(sender, peer, ros_context):
     peer("observer")
     ended = waits(sender)
-    said(sender, 1)
+    await_reports(sender, 1)
     ros_context.try_shutdown()
     assert ended() == "ExternalShutdownException"
 

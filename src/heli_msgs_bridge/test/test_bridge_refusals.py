@@ -95,18 +95,18 @@ def test_a_child_frame_that_says_frd():
 @pytest.mark.parametrize("namespace", ["", "/heli2"])
 def test_a_node_takes_the_frames_of_its_own_aircraft_alone(topic, namespace):
     """Another aircraft's, another sensor's, none: refused by name, and the next one is taken."""
-    own = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
+    raw = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
     decoder = Decoder(topic, place(topic), namespace=namespace)
-    allowed = decoder.decode(own).copy()
+    allowed = decoder.decode(raw).copy()
     kind = topics.message_class(topics.BY_NAME[topic].type)
-    frame = deserialize_message(own, kind).header.frame_id
+    frame = deserialize_message(raw, kind).header.frame_id
     for other in ("heli3/imu_link", "camera", "", "\x1b[2J" + "x" * 10_000):
-        message = deserialize_message(own, kind)
+        message = deserialize_message(raw, kind)
         message.header.frame_id = other
         with pytest.raises(FrameError, match=f"; allowed: '{frame}'$") as caught:
             decoder.decode(serialize_message(message))
         assert len(str(caught.value)) < 150 and str(caught.value).isprintable()
-        assert decoder.decode(own).tolist() == allowed.tolist()
+        assert decoder.decode(raw).tolist() == allowed.tolist()
 
 
 def test_a_node_takes_the_child_frame_of_its_own_aircraft_alone():

@@ -145,11 +145,11 @@ def test_a_stamp_of_another_clock_is_refused_aloud_for_a_second(graph, lockstep,
 
 def test_diagnostics_go_on_when_time_is_set_back(graph):
     """The first message had a stamp of another clock; the flight's own set the clock right."""
-    g, said = graph(lockstep=False), []
+    g, seconds = graph(lockstep=False), []
     g.node._reporter._publisher = SimpleNamespace(
-        publish=lambda array: said.append(array.header.stamp.sec)
+        publish=lambda array: seconds.append(array.header.stamp.sec)
     )
     for tick in (179_530_000, 5, *range(6, 207)):
         g.send(BARO, tick)
     assert g.ticks[:2] == [179_530_000, 6]
-    assert list(dict.fromkeys(said)) == [1_795_301, 1, 2, 3]
+    assert list(dict.fromkeys(seconds)) == [1_795_301, 1, 2, 3]

@@ -34,9 +34,9 @@ def twist(linear=(0.0, 0.0, 0.0), angular=(0.0, 0.0, 0.0), frame="map"):
 
 
 def test_east_north_up_becomes_north_east_down_and_a_turn_to_the_left_is_negative():
-    found = decode_velocity(twist((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)), 1.234)
-    assert found.vel_ned_mps.tolist() == [2.0, 1.0, -3.0]
-    assert (found.yaw_rate_radps, found.stamp_ns) == (-0.5, 7 * NS_PER_S + 5)
+    command = decode_velocity(twist((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)), 1.234)
+    assert command.vel_ned_mps.tolist() == [2.0, 1.0, -3.0]
+    assert (command.yaw_rate_radps, command.stamp_ns) == (-0.5, 7 * NS_PER_S + 5)
 
 
 @pytest.mark.parametrize(
@@ -49,17 +49,17 @@ def test_east_north_up_becomes_north_east_down_and_a_turn_to_the_left_is_negativ
     ],
 )
 def test_forward_is_where_the_nose_points(psi_deg, linear, expected):
-    found = decode_velocity(twist(linear, frame="base_link"), math.radians(psi_deg))
-    assert found.vel_ned_mps == pytest.approx(expected, abs=1e-15)
+    command = decode_velocity(twist(linear, frame="base_link"), math.radians(psi_deg))
+    assert command.vel_ned_mps == pytest.approx(expected, abs=1e-15)
 
 
 def test_the_heading_frame_is_the_map_turned():
     """Second method: the rotation matrix of the heading on the reversed axes."""
-    psi, given = 0.7, np.array([1.1, -0.4, 0.3])
+    psi, linear = 0.7, np.array([1.1, -0.4, 0.3])
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
-    found = decode_velocity(twist(given.tolist(), frame="heli2/base_link"), psi, "/heli2")
-    assert found.vel_ned_mps[:2] == pytest.approx(turn @ [given[0], -given[1]], abs=1e-15)
-    assert found.vel_ned_mps[2] == -given[2]
+    command = decode_velocity(twist(linear.tolist(), frame="heli2/base_link"), psi, "/heli2")
+    assert command.vel_ned_mps[:2] == pytest.approx(turn @ [linear[0], -linear[1]], abs=1e-15)
+    assert command.vel_ned_mps[2] == -linear[2]
 
 
 @pytest.mark.parametrize(
@@ -122,21 +122,21 @@ FORWARD, LEFT, UP = (1, 0, 0), (0, 1, 0), (0, 0, 1)
     ],
 )
 def test_an_attitude_by_its_cardinal_cases(xyzw, expected_deg):
-    found = decode_attitude(attitude(*xyzw))
-    off = np.degrees(found.attitude_rad) - expected_deg
+    command = decode_attitude(attitude(*xyzw))
+    off = np.degrees(command.attitude_rad) - expected_deg
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(np.zeros(3), abs=1e-9)
-    assert found.stamp_ns == 7 * NS_PER_S
+    assert command.stamp_ns == 7 * NS_PER_S
 
 
 def test_an_attitude_is_read_as_attitude_setpoint_is_written():
     """Second method: the bytes of the law's own setpoint, which mean the same."""
-    given = np.radians([12.0, -7.0, -163.0])
+    attitude_rad = np.radians([12.0, -7.0, -163.0])
     encoded = deserialize_message(
-        Encoder(topics.ATTITUDE_SETPOINT).encode(given, 7 * NS_PER_S), QuaternionStamped
+        Encoder(topics.ATTITUDE_SETPOINT).encode(attitude_rad, 7 * NS_PER_S), QuaternionStamped
     )
-    assert decode_attitude(encoded).attitude_rad == pytest.approx(given, abs=1e-14)
-    again = euler_angles(quat_from_euler(*given)[None])[0]
-    assert again == pytest.approx(given, abs=1e-14)
+    assert decode_attitude(encoded).attitude_rad == pytest.approx(attitude_rad, abs=1e-14)
+    again = euler_angles(quat_from_euler(*attitude_rad)[None])[0]
+    assert again == pytest.approx(attitude_rad, abs=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -159,8 +159,8 @@ def test_another_attitude_is_refused(message, said):
 
 def test_a_climb_is_up_in_either_frame():
     for frame, namespace in (("map", ""), ("base_link", ""), ("heli2/base_link", "/heli2")):
-        found = decode_climb(twist((0.0, 0.0, -0.7), frame=frame), namespace)
-        assert found == (7 * NS_PER_S + 5, -0.7)
+        command = decode_climb(twist((0.0, 0.0, -0.7), frame=frame), namespace)
+        assert command == (7 * NS_PER_S + 5, -0.7)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_node_whose_name_has_not_come_is_no_name_of_the_middleware():
 def test_a_name_takes_the_place_of_not_yet_named_whenever_it_comes():
     """Also that of a node that is known by another publisher; nobody is counted twice."""
     graph, ever = Graph(), EverSent()
-    seen = []
+    names = []
     for now in (
         [("/", "scenario", 1), (*UNKNOWN, 2)],
         [("/", "scenario", 1), ("/", "outer_loop", 2)],
@@ -83,8 +83,8 @@ def test_a_name_takes_the_place_of_not_yet_named_whenever_it_comes():
     ):
         graph.now(*now)
         ever.look(graph, "odom")
-        seen.append(ever.names(besides="/outer_loop"))
-    assert seen == [["/scenario", NOT_YET_NAMED], ["/scenario"], ["/scenario"]]
+        names.append(ever.names(besides="/outer_loop"))
+    assert names == [["/scenario", NOT_YET_NAMED], ["/scenario"], ["/scenario"]]
 
 
 def test_who_has_sent_and_left_stays_named():
