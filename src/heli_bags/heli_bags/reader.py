@@ -24,7 +24,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import decode_reference, key_of
 from heli_msgs_bridge.diagnostics import ways_of
 from heli_msgs_bridge.frames import Datum
-from heli_msgs_bridge.layouts import CHANNELS, MessageError
+from heli_msgs_bridge.layouts import CHANNELS, MessageCause, MessageError
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.sums import SUM, checksum
 
@@ -297,7 +297,8 @@ class _Collector:
             return self._store.deserialize_cdr(raw, topics.BY_NAME[name].type)
         except Exception as error:
             # rosbags trusts the bytes: it raises whatever they lead to.
-            raise MessageError(f"{name}: cannot be deserialised: {reason(error)}") from error
+            problem = f"cannot be deserialised: {reason(error)}"
+            raise MessageError(problem, MessageCause.UNREADABLE, topic=name) from error
 
     def _refuse(self, name: str, count: int, why: str) -> None:
         self.bag.reasons.setdefault(name, why)

@@ -19,7 +19,7 @@ from heli_msgs_bridge.command_messages import (
     decode_velocity,
     encode_joy,
 )
-from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.layouts import MessageCause, MessageError
 from heli_msgs_bridge.messages import Encoder
 
 
@@ -63,21 +63,38 @@ def test_the_heading_frame_is_the_map_turned():
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "cause", "words"),
     [
-        (twist(frame="odom"), "frame 'odom'; allowed: 'map' (east, north, up), 'base_link' ("),
-        (twist(frame=""), "frame ''; allowed: 'map'"),
-        (twist(frame="heli2/base_link"), "frame 'heli2/base_link'; allowed: "),
-        (twist((math.nan, 0.0, 0.0)), "linear [nan, 0.0, 0.0], angular [0.0, 0.0, 0.0]; allowed: "),
-        (twist(angular=(0.0, 0.0, math.inf)), "angular [0.0, 0.0, inf]; allowed: finite numbers"),
-        (twist(angular=(0.0, 0.1, 0.0)), "angular [0.0, 0.1, 0.0]; allowed: x and y are 0"),
+        (
+            twist(frame="odom"),
+            MessageCause.FRAME,
+            "frame 'odom'; allowed: 'map' (east, north, up), 'base_link' (",
+        ),
+        (twist(frame=""), MessageCause.FRAME, "frame ''; allowed: 'map'"),
+        (twist(frame="heli2/base_link"), MessageCause.FRAME, "frame 'heli2/base_link'; allowed: "),
+        (
+            twist((math.nan, 0.0, 0.0)),
+            MessageCause.NOT_FINITE,
+            "linear [nan, 0.0, 0.0], angular [0.0, 0.0, 0.0]; allowed: ",
+        ),
+        (
+            twist(angular=(0.0, 0.0, math.inf)),
+            MessageCause.NOT_FINITE,
+            "angular [0.0, 0.0, inf]; allowed: finite numbers",
+        ),
+        (
+            twist(angular=(0.0, 0.1, 0.0)),
+            MessageCause.AXIS,
+            "angular [0.0, 0.1, 0.0]; allowed: x and y are 0",
+        ),
     ],
 )
-def test_another_command_is_refused(message, said):
+def test_another_command_is_refused(message, cause, words):
     with pytest.raises(MessageError) as refused:
         decode_velocity(message, 0.0)
-    assert str(refused.value).startswith("command_velocity: ")
-    assert said in str(refused.value)
+    error = refused.value
+    assert (error.topic, error.cause) == ("command_velocity", cause)
+    assert str(error).startswith("command_velocity: ") and words in str(error)
 
 
 def attitude(x=0.0, y=0.0, z=0.0, w=1.0, frame="map"):
@@ -140,21 +157,31 @@ def test_an_attitude_is_read_as_attitude_setpoint_is_written():
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "cause", "words"),
     [
-        (attitude(frame="base_link"), "frame 'base_link'; allowed: 'map' (east, north, up)"),
-        (attitude(frame=""), "frame ''; allowed: 'map'"),
-        (attitude(frame="map_ned"), "frame 'map_ned'; allowed: 'map'"),
-        (attitude(x=math.nan), "quaternion [nan, 0.0, 0.0, 1.0]; allowed: finite numbers"),
-        (attitude(w=0.0), "a quaternion of length 0; allowed: 1"),
-        (attitude(z=0.1), "a quaternion of length 1; allowed: 1"),
-        (attitude(w=1.1), "a quaternion of length 1.1; allowed: 1"),
+        (
+            attitude(frame="base_link"),
+            MessageCause.FRAME,
+            "frame 'base_link'; allowed: 'map' (east, north, up)",
+        ),
+        (attitude(frame=""), MessageCause.FRAME, "frame ''; allowed: 'map'"),
+        (attitude(frame="map_ned"), MessageCause.FRAME, "frame 'map_ned'; allowed: 'map'"),
+        (
+            attitude(x=math.nan),
+            MessageCause.NOT_FINITE,
+            "quaternion [nan, 0.0, 0.0, 1.0]; allowed: finite numbers",
+        ),
+        (attitude(w=0.0), MessageCause.QUATERNION, "a quaternion of length 0; allowed: 1"),
+        (attitude(z=0.1), MessageCause.QUATERNION, "a quaternion of length 1; allowed: 1"),
+        (attitude(w=1.1), MessageCause.QUATERNION, "a quaternion of length 1.1; allowed: 1"),
     ],
 )
-def test_another_attitude_is_refused(message, said):
+def test_another_attitude_is_refused(message, cause, words):
     with pytest.raises(MessageError) as refused:
         decode_attitude(message)
-    assert str(refused.value).startswith("command_attitude: ") and said in str(refused.value)
+    error = refused.value
+    assert (error.topic, error.cause) == ("command_attitude", cause)
+    assert str(error).startswith("command_attitude: ") and words in str(error)
 
 
 def test_a_climb_is_up_in_either_frame():
@@ -164,21 +191,38 @@ def test_a_climb_is_up_in_either_frame():
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "cause", "words"),
     [
-        (twist(frame="odom"), "frame 'odom'; allowed: 'map', 'base_link' (level)"),
-        (twist((0.0, 0.0, math.inf)), "linear [0.0, 0.0, inf], angular [0.0, 0.0, 0.0]; allowed: "
-         "finite numbers"),
-        (twist((0.1, 0.0, 1.0)), "linear [0.1, 0.0, 1.0], angular [0.0, 0.0, 0.0]; allowed: linear "
-         "z alone, the others are 0"),
-        (twist((0.0, 0.1, 0.0)), "allowed: linear z alone"),
-        (twist(angular=(0.0, 0.0, 0.1)), "angular [0.0, 0.0, 0.1]; allowed: linear z alone"),
+        (
+            twist(frame="odom"),
+            MessageCause.FRAME,
+            "frame 'odom'; allowed: 'map', 'base_link' (level)",
+        ),
+        (
+            twist((0.0, 0.0, math.inf)),
+            MessageCause.NOT_FINITE,
+            "linear [0.0, 0.0, inf], angular [0.0, 0.0, 0.0]; allowed: finite numbers",
+        ),
+        (
+            twist((0.1, 0.0, 1.0)),
+            MessageCause.AXIS,
+            "linear [0.1, 0.0, 1.0], angular [0.0, 0.0, 0.0]; allowed: linear "
+            "z alone, the others are 0",
+        ),
+        (twist((0.0, 0.1, 0.0)), MessageCause.AXIS, "allowed: linear z alone"),
+        (
+            twist(angular=(0.0, 0.0, 0.1)),
+            MessageCause.AXIS,
+            "angular [0.0, 0.0, 0.1]; allowed: linear z alone",
+        ),
     ],
-)  # fmt: skip
-def test_another_climb_is_refused(message, said):
+)
+def test_another_climb_is_refused(message, cause, words):
     with pytest.raises(MessageError) as refused:
         decode_climb(message)
-    assert str(refused.value).startswith("command_climb: ") and said in str(refused.value)
+    error = refused.value
+    assert (error.topic, error.cause) == ("command_climb", cause)
+    assert str(error).startswith("command_climb: ") and words in str(error)
 
 
 def test_a_joystick_goes_there_and_back():
