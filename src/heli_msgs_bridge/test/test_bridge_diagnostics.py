@@ -130,9 +130,7 @@ def test_the_state_is_a_key_and_in_bags_from_before_it_a_sentence(message, state
     assert state_of({FACT_STATE: "finished"}, message) == NodeState.FINISHED
 
 
-def test_a_refusal_comes_back_out_of_its_text():
-    assert refusal_of(refusal_text(3, "goto: too far; allowed: 2 m")) == (
-        3,
-        "goto: too far; allowed: 2 m",
-    )
+@pytest.mark.parametrize("why", ["goto: far; allowed: 2 m", "a; b; 3", ""])
+def test_a_refusal_comes_back_out_of_its_text(why):
+    assert refusal_of(refusal_text(3, why)) == (3, why)
     assert refusal_of("none") == (0, "")

@@ -10,6 +10,8 @@ from rcl_interfaces.srv import SetParameters
 
 from heli_msgs_bridge.services import MOST_BYTES, RateLimit, guard, too_long
 
+SENTENCE = "more than 10 requests a second; ask less often"
+
 
 class Clock:
     now_s = 100.0
@@ -26,7 +28,7 @@ def test_a_burst_passes_then_so_many_a_second():
     assert sum(limit.admits() for _ in range(1000)) == 5
     clock.now_s += 1000.0
     assert sum(limit.admits() for _ in range(1000)) == 20
-    assert limit.sentence == "more than 10 requests a second; ask less often"
+    assert (limit.per_s, limit.what, limit.sentence) == (10.0, "requests", SENTENCE)
 
 
 @given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=200))
@@ -60,10 +62,10 @@ class Service:
 def test_a_flood_is_refused_in_the_answer_before_anything_is_judged():
     log = []
     service = Service(SetParameters)
-    guard(service, log.append, lambda: "more than 50 requests; ask less often")
+    guard(service, log.append, lambda: SENTENCE)
     request = SetParameters.Request(parameters=[Parameter(name="a"), Parameter(name="b")])
     answer = service.callback(request, SetParameters.Response())
-    assert [r.reason for r in answer.results] == ["more than 50 requests; ask less often"] * 2
+    assert [r.reason for r in answer.results] == [SENTENCE] * 2
     assert not any(r.successful for r in answer.results) and service.asked == 0 and not log
     free = Service(ChangeState)
     guard(free, log.append)

@@ -6,6 +6,7 @@ import pytest
 import yaml
 from scipy import stats
 
+from heli_core.errors import ParameterCause
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
@@ -25,6 +26,8 @@ from heli_msgs_bridge.links import (
 
 RATE = Rate()
 ODOM = PLACE[topics.ODOM, "inner_loop"]
+ACTING = "link fault: odom loss, collective delay"
+WORDS = "link odom observer to inner_loop reorder 0.25 from 3 to 5 s"
 
 
 def text(kind, value, topic=topics.ODOM, to="inner_loop", start_s=0.0, sender="any", more=""):
@@ -163,8 +166,10 @@ def test_a_node_hears_what_has_arrived_and_counts_the_rest():
     assert stamp == 1 and row[0] == 0.1 and np.isnan(row[1:]).all()
     assert all("other" in one for one in arrived)
     assert links.facts() == {"link.odom": "lost 3", "link.collective": "delayed 5"}
-    assert links.acting(0.01) == "link fault: collective delay"
-    assert links.acting(0.02) == "link fault: odom loss, collective delay"
+    collective = (topics.COLLECTIVE, "delay")
+    assert links.acting_on(0.01) == [collective]
+    assert links.acting_on(0.02) == [(topics.ODOM, "loss"), collective]
+    assert links.acting(0.02) == ACTING
     links.begin_anew()
     assert links.through(0, {topics.ODOM: (0, np.zeros(31))})[topics.ODOM][0] == 0
 
@@ -188,7 +193,9 @@ def test_a_fault_reads_back():
     whole = text("reorder", 0.25, sender="observer", start_s=3, more=", duration_s: 2")
     (fault,) = link_faults_of([whole, "none"])
     assert link_faults_of([fault.text]) == (fault,)
-    assert fault.words == "link odom observer to inner_loop reorder 0.25 from 3 to 5 s"
+    assert fault.links == ((topics.ODOM, "inner_loop"),)
+    assert (fault.sender, fault.kind, fault.value) == ("observer", "reorder", (0.25,))
+    assert (fault.start_s, fault.end_s, fault.words) == (3.0, 5.0, WORDS)
     assert fault.as_dict()["duration_s"] == 2.0
     everywhere = link_faults_of(["{what: link, from: any, to: any, kind: loss, start_s: 0}"])[0]
     assert everywhere.links == LINKS and everywhere.value == (1.0,)
@@ -225,10 +232,13 @@ def test_what_is_wrong_is_one_sentence(entry, why):
 
 
 def test_what_is_no_mapping_and_too_many():
-    for wrong in ("[1]", "{"):
-        with pytest.raises(ParameterError, match="a mapping of what"):
+    for wrong, cause in (("[1]", ParameterCause.TYPE), ("{", ParameterCause.SYNTAX)):
+        with pytest.raises(ParameterError) as caught:
             link_faults_of([wrong])
-    with pytest.raises(ParameterError, match="at most 64"):
+        assert (caught.value.cause, caught.value.where) == (cause, "link_faults: entry 1")
+    with pytest.raises(ParameterError, match="at most 64") as caught:
         link_faults_of([text("loss", 1.0)] * 65)
-    with pytest.raises(ParameterError, match="here: expected a mapping"):
+    assert (caught.value.cause, caught.value.value) == (ParameterCause.LENGTH, 65)
+    with pytest.raises(ParameterError) as caught:
         link_fault_of(yaml.compose("3"), "here")
+    assert (caught.value.cause, caught.value.where) == (ParameterCause.TYPE, "here")
