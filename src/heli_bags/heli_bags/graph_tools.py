@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from rclpy.experimental.events_executor import EventsExecutor
@@ -22,8 +23,32 @@ _DEPTH = 1000
 _BACKLOG_S = 0.3
 
 
+class TopicCause(Enum):
+    """Why a topic cannot be listened to."""
+
+    UNKNOWN = "the graph has no such topic"
+    SEVERAL_TYPES = "its senders do not agree on a type"
+    NO_TYPE = "its type is not installed"
+    SILENT = "no message comes"
+
+
 class TopicError(Exception):
-    """A topic cannot be listened to; the message is one line that names it."""
+    """A topic cannot be listened to; the message is one line that names it.
+
+    Attributes
+    ----------
+    cause : TopicCause
+    topic : str
+        Its name, as it was asked for where the graph has none.
+    known : tuple of str
+        Names of the topics that there are, where there is no such.
+    """
+
+    def __init__(
+        self, sentence: str, cause: TopicCause, topic: str, known: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(sentence)
+        self.cause, self.topic, self.known = cause, topic, known
 
 
 @dataclass(frozen=True)
@@ -67,7 +92,7 @@ class Discovery:
     """
 
     def __init__(self, node: Node, settle_s: float):
-        self._node, self._settle_s = node, settle_s
+        self._node, self.settle_s = node, settle_s
         self._last_graph: tuple[Any, ...] | None = None
         self._begun = self._changed = self._looked = time.monotonic()
 
@@ -89,16 +114,16 @@ class Discovery:
     def still(self) -> bool:
         """Whether the graph has stood still for long enough."""
         shown = bool(self._last_graph and self._last_graph[0]) or self.waited_s > DISCOVERY_S
-        return shown and self._looked - self._changed > self._settle_s
+        return shown and self._looked - self._changed > self.settle_s
 
     @property
     def over(self) -> bool:
         """Whether to wait no longer: it is still, or the limit has passed."""
-        return self.still or self.waited_s > DISCOVERY_LIMIT_S + self._settle_s
+        return self.still or self.waited_s > DISCOVERY_LIMIT_S + self.settle_s
 
     def __str__(self) -> str:
         if self.still:
-            return f"nothing new for {self._settle_s:g} s"
+            return f"nothing new for {self.settle_s:g} s"
         return f"still changing after {self.waited_s:.0f} s"
 
 
@@ -213,10 +238,13 @@ def find(node: Node, name: str, settle_s: float, wait_s: float = 0.0) -> TopicSt
             break
         time.sleep(_POLL_S)
     if status is None:
-        known = ", ".join(r for r in rows if r not in ("/parameter_events", "/rosout"))
-        raise TopicError(f"no topic {name} in the graph ({discovery}); there is {known or 'none'}")
+        known = tuple(r for r in rows if r not in ("/parameter_events", "/rosout"))
+        sentence = f"no topic {name} in the graph ({discovery}); there is "
+        sentence += ", ".join(known) or "none"
+        raise TopicError(sentence, TopicCause.UNKNOWN, name, known)
     if "," in status.type:
-        raise TopicError(f"topic {status.topic} has several types: {status.type}")
+        sentence = f"topic {status.topic} has several types: {status.type}"
+        raise TopicError(sentence, TopicCause.SEVERAL_TYPES, status.topic)
     return status
 
 
@@ -250,7 +278,8 @@ def listen(
     try:
         cls = topics.message_class(status.type)
     except LookupError as error:
-        raise TopicError(f"topic {status.topic}: {error}") from error
+        sentence = f"topic {status.topic}: {error}"
+        raise TopicError(sentence, TopicCause.NO_TYPE, status.topic) from error
     offered = [info.qos_profile for info in _infos(node, status.topic)[0]]
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
     latched = bool(offered) and all(
@@ -272,7 +301,8 @@ def listen(
             if arrived:
                 heard = time.monotonic()
             elif timeout_s is not None and time.monotonic() - heard > timeout_s:
-                raise TopicError(f"no message on {status.topic} in {timeout_s:g} s")
+                sentence = f"no message on {status.topic} in {timeout_s:g} s"
+                raise TopicError(sentence, TopicCause.SILENT, status.topic)
             while arrived:
                 yield status.topic, arrived.popleft()
     finally:

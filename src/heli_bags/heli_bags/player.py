@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 
 from heli_bags.tools import BagReader, chosen, opened
-from heli_bags.writer import BagError
+from heli_bags.writer import BagCause, BagError
 from heli_core.ticks import NS_PER_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 
@@ -113,7 +113,8 @@ class Player:
         try:
             cls = topics.message_class(type_name)
         except LookupError as error:
-            raise BagError(f"topic {topic}: {error}; leave it out with --exclude") from error
+            sentence = f"topic {topic}: {error}; leave it out with --exclude"
+            raise BagError(sentence, BagCause.TOPIC) from error
         return self._node.create_publisher(cls, topic, qos)
 
     def _wait_for_listeners(self) -> None:
@@ -139,7 +140,8 @@ class Player:
                 end_ns = min(end_ns, start_ns + round(self._choice.duration_s * 1e9))
             if not connections or start_ns >= end_ns:
                 length = (reader.end_time - reader.start_time) / 1e9
-                raise BagError(f"{self._path}: nothing to play: it lasts {length:.2f} s")
+                sentence = f"{self._path}: nothing to play: it lasts {length:.2f} s"
+                raise BagError(sentence, BagCause.NOTHING_LEFT)
             for c in connections:
                 self._publishers[c.topic] = self._publisher(c.topic, c.msgtype, qos_of(c))
             clock = self._clock()

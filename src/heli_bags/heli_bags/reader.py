@@ -5,8 +5,9 @@ import contextlib
 import gc
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import yaml
@@ -16,7 +17,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.writer import LATE, METADATA, SUFFIXES, WINDOW_NS, BagError, reason
+from heli_bags.writer import LATE, METADATA, SUFFIXES, WINDOW_NS, BagCause, BagError, reason
 from heli_core.rcl_yaml import printable
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
@@ -24,7 +25,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import decode_reference, key_of
 from heli_msgs_bridge.diagnostics import ways_of
 from heli_msgs_bridge.frames import Datum
-from heli_msgs_bridge.layouts import CHANNELS, MessageError
+from heli_msgs_bridge.layouts import CHANNELS, MessageCause, MessageError
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.sums import SUM, checksum
 
@@ -48,24 +49,43 @@ def listed_files(bag: Path) -> list[str]:
         return []
 
 
-def _file_trouble(path: Path) -> str:
+class TroubleKind(Enum):
+    """What is wrong with a bag's files."""
+
+    NO_MCAP = "a file is no MCAP file"
+    CUT_OFF = "a file is cut off"
+    NEVER_CLOSED = "a database was never closed"
+    MISSING = "a file is missing"
+    UNLISTED = "a file is not in the list of files"
+
+
+class Trouble(NamedTuple):
+    """What is wrong, with which files, and in words."""
+
+    kind: TroubleKind
+    names: tuple[str, ...]
+    sentence: str
+
+
+def _file_trouble(path: Path) -> Trouble | None:
+    name = path.name
     if path.suffix == ".mcap":
         with open(path, "rb") as stream:
             if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                return f"{path.name} is no MCAP file"
+                return Trouble(TroubleKind.NO_MCAP, (name,), f"{name} is no MCAP file")
             size = path.stat().st_size
             stream.seek(max(0, size - len(MCAP0_MAGIC)))
             whole = size > 2 * len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC
-        return "" if whole else f"{path.name} is cut off"
+        return None if whole else Trouble(TroubleKind.CUT_OFF, (name,), f"{name} is cut off")
     for tail in ("-wal", "-journal"):
         log = path.with_name(path.name + tail)
         if log.is_file() and log.stat().st_size:
-            return f"{path.name} was never closed"
-    return ""
+            return Trouble(TroubleKind.NEVER_CLOSED, (name,), f"{name} was never closed")
+    return None
 
 
-def trouble(bag: Path) -> str:
-    """What is wrong with a bag that `heli bag repair` can restore; empty if nothing is.
+def trouble_of(bag: Path) -> Trouble | None:
+    """What is wrong with a bag that `heli bag repair` can restore; None if nothing is.
 
     Parameters
     ----------
@@ -78,17 +98,25 @@ def trouble(bag: Path) -> str:
         if problem:
             return problem
     if bag.is_file() or not files:
-        return ""
+        return None
     if not (bag / METADATA).is_file():
-        return f"{METADATA} is missing"
+        return Trouble(TroubleKind.MISSING, (METADATA,), f"{METADATA} is missing")
     listed = listed_files(bag)
     absent = [name for name in listed if not (bag / name).is_file()]
     if absent:
-        return f"{', '.join(absent)} of {METADATA} is missing"
-    unlisted = {path.name for path in files} - set(listed)
+        sentence = f"{', '.join(absent)} of {METADATA} is missing"
+        return Trouble(TroubleKind.MISSING, tuple(absent), sentence)
+    unlisted = tuple(sorted({path.name for path in files} - set(listed)))
     if unlisted:
-        return f"{METADATA} does not list {', '.join(sorted(unlisted))}"
-    return ""
+        sentence = f"{METADATA} does not list {', '.join(unlisted)}"
+        return Trouble(TroubleKind.UNLISTED, unlisted, sentence)
+    return None
+
+
+def trouble(bag: Path) -> str:
+    """The same in words; empty if nothing is."""
+    what = trouble_of(bag)
+    return what.sentence if what else ""
 
 
 def advice(bag: Path) -> str:
@@ -121,7 +149,7 @@ def damage(path: Path, error: Exception) -> BagError:
         # Their texts are for programmers: a name, or nothing.
         kind = type(error).__name__
         why = f"it is damaged ({kind if why == kind else f'{kind}: {why}'})"
-    return BagError(f"{path}: not a readable bag: {why}")
+    return BagError(f"{path}: not a readable bag: {why}", BagCause.DAMAGED)
 
 
 def guarded(path: Path, items: Iterable[_Item]) -> Iterator[_Item]:
@@ -297,7 +325,8 @@ class _Collector:
             return self._store.deserialize_cdr(raw, topics.BY_NAME[name].type)
         except Exception as error:
             # rosbags trusts the bytes: it raises whatever they lead to.
-            raise MessageError(f"{name}: cannot be deserialised: {reason(error)}") from error
+            problem = f"cannot be deserialised: {reason(error)}"
+            raise MessageError(problem, MessageCause.UNREADABLE, topic=name) from error
 
     def _refuse(self, name: str, count: int, why: str) -> None:
         self.bag.reasons.setdefault(name, why)
@@ -374,17 +403,19 @@ class _Collector:
 def require_whole(path: Path) -> None:
     """Raise BagError, in one line, for what is no bag or one that needs `heli bag repair`."""
     if not path.exists():
-        raise BagError(f"{path}: does not exist")
+        raise BagError(f"{path}: does not exist", BagCause.MISSING)
     try:
         if path.is_dir() and not storage_files(path) and not listed_files(path):
-            raise BagError(f"{path}: not a readable bag: it holds neither .mcap nor .db3 files")
+            sentence = f"{path}: not a readable bag: it holds neither .mcap nor .db3 files"
+            raise BagError(sentence, BagCause.NO_BAG)
         if path.is_file() and path.suffix not in SUFFIXES.values():
-            raise BagError(f"{path}: not a readable bag: neither folder nor .mcap nor .db3 file")
+            sentence = f"{path}: not a readable bag: neither folder nor .mcap nor .db3 file"
+            raise BagError(sentence, BagCause.NO_BAG)
         problem = advice(path)
     except OSError as error:
-        raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
+        raise damage(path, error) from error
     if problem:
-        raise BagError(f"{path}: not a readable bag: {problem}")
+        raise BagError(f"{path}: not a readable bag: {problem}", BagCause.NOT_WHOLE)
 
 
 @contextlib.contextmanager
@@ -455,5 +486,6 @@ def named(path: Path, connections: Sequence[Connection]) -> Sequence[Connection]
         texts = (c.topic, c.msgtype, c.digest)
         if not (all(isinstance(text, str) for text in texts) and isinstance(c.msgcount, int)):
             fields = ", ".join(printable(repr(value)) for value in (*texts, c.msgcount))
-            raise BagError(f"{path}: not a readable bag: its list of topics is damaged: {fields}")
+            sentence = f"{path}: not a readable bag: its list of topics is damaged: {fields}"
+            raise BagError(sentence, BagCause.DAMAGED)
     return connections

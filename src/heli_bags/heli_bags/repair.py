@@ -25,7 +25,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from heli_bags.reader import listed_files, storage_files, trouble
-from heli_bags.writer import BagChannel, BagError, BagFolder, Format, reason
+from heli_bags.writer import BagCause, BagChannel, BagError, BagFolder, Format, reason
 
 # -------------------------------------------------------------------------------------------------
 # Every complete message of a storage file that was cut off or never closed. The file stays as is.
@@ -174,7 +174,7 @@ class _Mcap:
     def messages(self) -> Iterator[Message]:
         with open(self.path, "rb") as stream:
             if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise BagError(f"{self.path}: not an MCAP file")
+                raise BagError(f"{self.path}: not an MCAP file", BagCause.NO_BAG)
             yield from self._from(stream, self.path.stat().st_size)
 
     def _from(self, stream: BinaryIO, end: int) -> Iterator[Message]:
@@ -314,7 +314,7 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
     readers: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
     reader = readers.get(path.suffix)
     if reader is None:
-        raise BagError(f"{path}: neither an .mcap nor a .db3 file")
+        raise BagError(f"{path}: neither an .mcap nor a .db3 file", BagCause.NO_BAG)
     try:
         for channel, stamp_ns, raw in reader(path, state).messages():
             if not (isinstance(stamp_ns, int) and 0 <= stamp_ns <= _MOST_NS):
@@ -328,7 +328,7 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
                 continue
             yield channel, stamp_ns, plain
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {reason(error)}") from error
+        raise BagError(f"{path}: cannot be read: {reason(error)}", BagCause.DAMAGED) from error
 
 
 # -------------------------------------------------------------------------------------------------
@@ -408,14 +408,14 @@ class _Survey:
 
 def _target(bag: Path, out: Path | None, in_place: bool) -> Path:
     if out is not None and in_place:
-        raise BagError("--out and --in-place: give one of them, not both")
+        raise BagError("--out and --in-place: give one of them, not both", BagCause.OPTION)
     if out is None and not in_place:
         stem = bag.stem if bag.is_file() else bag.name
         out = bag.with_name(f"{stem}_repaired")
     if out is not None and out.exists():
-        raise BagError(f"{out}: exists already; name a new folder with --out")
+        raise BagError(f"{out}: exists already; name a new folder with --out", BagCause.EXISTS)
     if in_place and bag.is_file():
-        raise BagError(f"{bag}: --in-place is for a bag's folder")
+        raise BagError(f"{bag}: --in-place is for a bag's folder", BagCause.OPTION)
     return out or bag
 
 
@@ -459,10 +459,11 @@ def repair(
         Not a bag, nothing to restore, or the new folder cannot be written.
     """
     if not bag.exists():
-        raise BagError(f"{bag}: does not exist")
+        raise BagError(f"{bag}: does not exist", BagCause.MISSING)
     wrong, files = trouble(bag), _files(bag)
     if not files:
-        raise BagError(f"{bag}: not a bag: it holds neither an .mcap nor a .db3 file")
+        sentence = f"{bag}: not a bag: it holds neither an .mcap nor a .db3 file"
+        raise BagError(sentence, BagCause.NO_BAG)
     bag = bag.resolve()
     target = _target(bag, out, in_place)
     survey = _Survey(files, lambda done: progress(done, 0))
@@ -470,7 +471,7 @@ def repair(
     if not wrong and not damaged and all(state.whole for state in survey.states):
         return None
     if not survey.total:
-        raise BagError(f"{bag}: holds no message that can be read")
+        raise BagError(f"{bag}: holds no message that can be read", BagCause.NOTHING_LEFT)
     files = [path.resolve() for path in files]
     source = bag
     if in_place:
@@ -517,7 +518,8 @@ def _copy(
         new.abandon()
         shutil.rmtree(target, ignore_errors=True)
         kept = "the damaged bag is as it was"
-        raise BagError(f"{target}: cannot be written: {reason(error)}; {kept}") from error
+        sentence = f"{target}: cannot be written: {reason(error)}; {kept}"
+        raise BagError(sentence, BagCause.UNWRITABLE) from error
     counts = new.counts()
     result.counts = {c.topic: counts[number] for c, number in survey.channels.items()}
     result.duration_s = (last_ns - first_ns) / 1e9

@@ -20,7 +20,7 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.reader import damage, guarded, named, require_whole, storage_files
-from heli_bags.writer import BagError, reason
+from heli_bags.writer import BagCause, BagError, reason
 from heli_core.rcl_yaml import printable
 
 # -------------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ class BagReader:
         for number in numbers:
             if not isinstance(number, int):
                 problem = f"{printable(repr(number))} is no number of messages and no time"
-                raise BagError(f"{path}: not a readable bag: {problem}")
+                raise BagError(f"{path}: not a readable bag: {problem}", BagCause.DAMAGED)
 
     @property
     def duration(self) -> int:
@@ -205,7 +205,8 @@ def chosen(
             if candidate in present:
                 return candidate
         raise BagError(
-            f"{bag_of(path)}: holds no topic {name}; it holds {', '.join(sorted(present))}"
+            f"{bag_of(path)}: holds no topic {name}; it holds {', '.join(sorted(present))}",
+            BagCause.TOPIC,
         )
 
     wanted = {full(name) for name in names} or present
@@ -345,7 +346,8 @@ def write_csv(
                 table.add(stamp_ns, flatten(reader.deserialize(raw, c.msgtype)))
                 progress(done, total)
         except OSError as error:
-            raise BagError(f"{folder}: cannot be written: {reason(error)}") from error
+            sentence = f"{folder}: cannot be written: {reason(error)}"
+            raise BagError(sentence, BagCause.UNWRITABLE) from error
         finally:
             for table in tables.values():
                 table.close()

@@ -11,6 +11,7 @@ import tempfile
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from io import BufferedWriter, BytesIO
 from pathlib import Path
 from typing import Any, cast
@@ -332,8 +333,37 @@ _RESERVE_BYTES = 2 * 2**20
 _FLUSH_BYTES = 2**19
 
 
+class BagCause(Enum):
+    """Why a bag cannot be written or read."""
+
+    MISSING = "it does not exist"
+    NO_BAG = "it is no bag"
+    DAMAGED = "its content cannot be read"
+    NOT_WHOLE = "it was never closed, or is cut off; a repair restores what can be"
+    NOTHING_LEFT = "it holds no message that can be read or played"
+    EXISTS = "there is one of its name already"
+    UNWRITABLE = "it cannot be written"
+    STOPPED = "its recording has stopped"
+    OPTION = "options do not go together, or one is not known"
+    TOPIC = "a topic or its type is not known"
+
+
 class BagError(Exception):
-    """A bag cannot be written or read; the message is one line that names it."""
+    """A bag cannot be written or read; the message is one line that names it.
+
+    Attributes
+    ----------
+    cause : BagCause or None
+        For programs; None where none is named.
+    kept : int or None
+        Messages that the bag holds whose recording has stopped; None where only a repair can tell.
+    """
+
+    def __init__(
+        self, sentence: str, cause: BagCause | None = None, kept: int | None = None
+    ) -> None:
+        super().__init__(sentence)
+        self.cause, self.kept = cause, kept
 
 
 def reason(error: Exception) -> str:
@@ -357,7 +387,9 @@ def custom_data(entries: Iterable[str]) -> tuple[tuple[str, str], ...]:
         if entry == "none":
             continue
         if not colon or not name.strip():
-            raise BagError(f"custom_data: {entry!r} is not allowed; allowed: 'name: text', or none")
+            allowed = "'name: text', or none"
+            sentence = f"custom_data: {entry!r} is not allowed; allowed: {allowed}"
+            raise BagError(sentence, BagCause.OPTION)
         pairs.append((name.strip(), text.strip()))
     return tuple(pairs)
 
@@ -386,9 +418,11 @@ class Format:
 
     def __post_init__(self) -> None:
         if self.storage not in SUFFIXES:
-            raise BagError(f"storage: {self.storage} is none of {', '.join(SUFFIXES)}")
+            sentence = f"storage: {self.storage} is none of {', '.join(SUFFIXES)}"
+            raise BagError(sentence, BagCause.OPTION)
         if self.zstd and self.storage != "mcap":
-            raise BagError(f"compression: zstd is for storage mcap, not for {self.storage}")
+            sentence = f"compression: zstd is for storage mcap, not for {self.storage}"
+            raise BagError(sentence, BagCause.OPTION)
 
 
 @dataclass(frozen=True)
@@ -452,7 +486,8 @@ class BagFolder:
     ) -> None:
         self.folder, self.form = Path(folder), form or Format()
         if self.folder.exists():
-            raise BagError(f"{folder}: exists already; a bag needs a new folder")
+            sentence = f"{folder}: exists already; a bag needs a new folder"
+            raise BagError(sentence, BagCause.EXISTS)
         self._connections = [self._connection(i + 1, c) for i, c in enumerate(channels)]
         self._parts: list[_Part] = []
         self._file: StorageFile | None = None
@@ -465,7 +500,8 @@ class BagFolder:
         except (OSError, sqlite3.Error) as error:
             self.abandon()
             shutil.rmtree(self.folder, ignore_errors=True)
-            raise BagError(f"{folder}: cannot be written: {reason(error)}") from error
+            sentence = f"{folder}: cannot be written: {reason(error)}"
+            raise BagError(sentence, BagCause.UNWRITABLE) from error
 
     def _connection(self, number: int, channel: BagChannel) -> Connection:
         kind = MessageDefinitionFormat.IDL if channel.idl else MessageDefinitionFormat.MSG
@@ -812,7 +848,7 @@ class Definitions:
 # `kill -9` can be read again (`heli bag repair`).
 # -------------------------------------------------------------------------------------------------
 
-__all__ = ["BagError", "BagRecorder", "Format", "row_of"]
+__all__ = ["BagCause", "BagError", "BagRecorder", "Format", "row_of"]
 
 _FOREVER = QosTime(9223372036, 854775807)
 # So many messages are kept at most until a stream has told the time.
@@ -837,7 +873,8 @@ def row_of(wanted: str) -> topics.Topic:
     if not name or "/msg/" not in type_name:
         raise BagError(
             f"unknown topic '{wanted}'; known: {', '.join(topics.KNOWN)}; "
-            "any other as name:package/msg/Type"
+            "any other as name:package/msg/Type",
+            BagCause.TOPIC,
         )
     return topics.Topic(name, type_name, (), (), 0)
 
@@ -908,7 +945,7 @@ class BagRecorder:
             try:
                 text, digest = definitions.text_and_hash(row.type)
             except UnknownTypeError as error:
-                raise BagError(f"topic {row.name}: {error}") from error
+                raise BagError(f"topic {row.name}: {error}", BagCause.TOPIC) from error
             channels.append(BagChannel(full, row.type, text, digest, (_qos(row),)))
         self._bag = BagFolder(self.folder, channels, form)
         self._numbers = {name: number for number, name in enumerate(self.rows)}
@@ -1021,12 +1058,13 @@ class BagRecorder:
             lost = self._bag.give_up()
         except (OSError, sqlite3.Error):
             self._bag.abandon()
-            raise BagError(f"{sentence}; 'heli bag repair' restores what was written") from error
+            sentence = f"{sentence}; 'heli bag repair' restores what was written"
+            raise BagError(sentence, BagCause.STOPPED) from error
         finally:
             self.counts = dict(zip(self.rows, self._bag.counts(), strict=True))
-        raise BagError(
-            f"{sentence}; the bag holds {sum(self.counts.values())} messages, {lost} more are lost"
-        ) from error
+        kept = sum(self.counts.values())
+        sentence = f"{sentence}; the bag holds {kept} messages, {lost} more are lost"
+        raise BagError(sentence, BagCause.STOPPED, kept) from error
 
     def missing(self, until_ns: int | None = None) -> list[str]:
         """Topics with a fixed rate of which a message of the middle or of the end has not come.

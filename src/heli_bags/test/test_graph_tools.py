@@ -7,6 +7,9 @@ import pytest
 
 from heli_bags import graph_tools
 
+STILL, CHANGING = "nothing new for 1.5 s", "still changing after 12 s"
+UNKNOWN = f"no topic imu in the graph ({STILL}); there is /odom"
+
 
 class ScriptedGraph:
     """Stands for a node: what discovery has brought by now, endpoint by endpoint.
@@ -70,7 +73,7 @@ def test_a_subscriber_that_announces_itself_late_is_counted(graph):
     rows, discovery = graph_tools.list_topics(node)
     assert [(row.topic, row.publishers, row.subscribers) for row in rows] == [("/odom", 1, 3)]
     assert discovery.still and 3.2 < node.now < 3.4
-    assert str(discovery) == "nothing new for 1.5 s"
+    assert discovery.settle_s == graph_tools.SETTLED_S and str(discovery) == STILL
     rows, _ = graph_tools.list_topics(graph(*node.arrivals), settle_s=0.5)
     assert rows[0].subscribers == 2
 
@@ -79,7 +82,7 @@ def test_a_graph_that_never_stands_still_is_taken_at_the_limit_and_said(graph):
     node = graph(*[(0.4 * n, "publisher", f"/topic_{n}") for n in range(100)])
     rows, discovery = graph_tools.list_topics(node)
     assert not discovery.still and 11.4 < node.now < 11.7 and len(rows) == 29
-    assert str(discovery) == "still changing after 12 s"
+    assert round(discovery.waited_s) == 12 and str(discovery) == CHANGING
 
 
 def test_an_empty_graph_gets_its_time(graph):
@@ -98,8 +101,8 @@ def test_hidden_topics_are_left_out_unless_asked_for(graph):
 def test_the_listener_waits_for_the_publisher_whose_qos_it_needs(graph):
     """A latched message that was sent before is lost on whoever asks without knowing its QoS."""
     node = graph((0.1, "subscriber", "/reference"), (1.4, "publisher", "/reference"))
-    topic = graph_tools.find(node, "reference", graph_tools.SETTLED_S)
-    assert (topic.topic, topic.publishers) == ("/reference", 1)
+    status = graph_tools.find(node, "reference", graph_tools.SETTLED_S)
+    assert (status.topic, status.publishers) == ("/reference", 1)
     silent = graph((0.1, "subscriber", "/reference"))
     assert graph_tools.find(silent, "/reference", graph_tools.SETTLED_S).publishers == 0
     late = graph((0.1, "subscriber", "/reference"), (20.0, "publisher", "/reference"))
@@ -107,6 +110,6 @@ def test_the_listener_waits_for_the_publisher_whose_qos_it_needs(graph):
     assert 20.0 <= late.now < 20.1
     with pytest.raises(graph_tools.TopicError) as caught:
         graph_tools.find(graph((0.1, "publisher", "/odom")), "imu", graph_tools.SETTLED_S)
-    assert str(caught.value) == (
-        "no topic imu in the graph (nothing new for 1.5 s); there is /odom"
-    )
+    error = caught.value
+    assert error.cause == graph_tools.TopicCause.UNKNOWN
+    assert (error.topic, error.known) == ("imu", ("/odom",)) and str(error) == UNKNOWN

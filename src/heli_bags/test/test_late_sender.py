@@ -54,7 +54,7 @@ def test_a_recording_that_has_ended_stays_the_last_word(bench, tmp_path):
     recorder = bench(RecorderNode, bag=str(tmp_path / "bag"), topics=(topics.IMU,))
     recorder.fly()
     node = recorder.node
-    node._complain(BagError("no space left"))
+    node._complain(BagError("full"))
     node.report(Level.OK, "records")
-    state = node.health.level, node.health.message, node.health.state
-    assert state == (Level.ERROR, "no space left", NodeState.FAILED)
+    status = node.health.level, node.health.message, node.health.state
+    assert status == (Level.ERROR, "full", NodeState.FAILED)

@@ -42,7 +42,7 @@ def stream_message(name, stamp_ns, value=0.0):
     return encoder(name).encode(row, stamp_ns)
 
 
-def diagnostics(stamp_ns, text="here"):
+def diagnostics_message(stamp_ns, text="here"):
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
     message = DiagnosticArray(status=[DiagnosticStatus(name="heli/pilot", message=text)])
@@ -58,7 +58,7 @@ def reference(stamp_ns, up_m=10.0):
 def foreign(stamp_ns):
     """One message per topic, from outside."""
     yield topics.CLOCK, ClockEncoder().encode(stamp_ns)
-    yield topics.DIAGNOSTICS, diagnostics(stamp_ns)
+    yield topics.DIAGNOSTICS, diagnostics_message(stamp_ns)
     yield topics.REFERENCE, reference(stamp_ns)
     for name in STREAMS:
         yield name, stream_message(name, stamp_ns, 9.0)
@@ -206,9 +206,9 @@ def test_a_status_that_is_heard_late_is_of_when_it_was_said(tmp_path):
     for number, (name, raw) in enumerate(flight(0, 600)):
         recorder.write(name, raw)
         if number == 600:
-            recorder.write(topics.DIAGNOSTICS, diagnostics(said_ns["takeoff"], "takeoff"))
+            recorder.write(topics.DIAGNOSTICS, diagnostics_message(said_ns["takeoff"], "takeoff"))
         if number == 2200:
-            recorder.write(topics.DIAGNOSTICS, diagnostics(said_ns["standing"], "standing"))
+            recorder.write(topics.DIAGNOSTICS, diagnostics_message(said_ns["standing"], "standing"))
     recorder.close()
     remarks = read_bag(tmp_path / "bag").remarks
     assert [(r.message, r.stamp_ns) for r in remarks] == list(said_ns.items())

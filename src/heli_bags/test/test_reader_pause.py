@@ -30,15 +30,15 @@ def bag(tmp_path):
 @pytest.fixture
 def collecting(monkeypatch):
     """Whether garbage was searched for at each message."""
-    stamps = []
+    states = []
 
     def watched(path, items, guarded=reader.guarded):
         for item in guarded(path, items):
-            stamps.append(gc.isenabled())
+            states.append(gc.isenabled())
             yield item
 
     monkeypatch.setattr(reader, "guarded", watched)
-    return stamps
+    return states
 
 
 @pytest.fixture(params=[True, False])

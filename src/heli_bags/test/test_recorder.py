@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of the recorder: independent readers, definitions and hashes, splitting, a full disk."""
 
+import errno
 import json
 import re
 import sqlite3
@@ -22,7 +23,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from heli_bags import writer
 from heli_bags.node import RecorderNode
 from heli_bags.repair import repair
-from heli_bags.writer import BagError, BagRecorder, ChunkIndex, Format, McapFile
+from heli_bags.writer import BagCause, BagError, BagRecorder, ChunkIndex, Format, McapFile
 from heli_core.command_line import share_folder
 from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
@@ -71,9 +72,9 @@ def test_a_sensor_that_is_late_has_gaps_only_where_messages_lack(tmp_path, first
                 valid = tick - late_ticks * (name == topics.GPS_FIX)
                 row = np.zeros(CHANNELS[name].size)
                 bag.write(name, encoders[name].encode(row, 1_000_000_000 + valid * TICK_NS))
-        gaps = bag.missing()
+        incomplete = bag.missing()
         bag.close()
-        return gaps
+        return incomplete
 
     assert missing(tmp_path / "whole", ()) == []
     assert missing(tmp_path / "middle", (140,)) == [topics.GPS_FIX]
@@ -255,10 +256,10 @@ def test_sqlite_is_readable_without_any_bag_library(tmp_path):
             "SELECT topics.name, timestamp, data FROM messages "
             "JOIN topics ON topics.id = topic_id ORDER BY messages.id"
         ).fetchall()
-        assert database.execute("SELECT schema_version FROM schema").fetchone() == (4,)
+        version = database.execute("SELECT schema_version FROM schema").fetchone()
         kinds = database.execute("SELECT topic_type, encoding FROM message_definitions").fetchall()
         (mode,) = database.execute("PRAGMA journal_mode").fetchone()
-    assert rows == sent
+    assert rows == sent and version == (4,)
     assert len(kinds) == 3 and {kind for _, kind in kinds} == {"ros2msg"}
     assert mode != "wal"
 
@@ -300,53 +301,60 @@ def test_installed_type_that_is_not_standard(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("names", "form", "words"),
+    ("names", "form", "cause", "words"),
     [
-        (["imu/data"], {}, ["imu/data", "imu/data_raw", "name:package/msg/Type"]),
-        (["x:no_msgs/msg/No"], {}, ["topic x", "no_msgs/msg/No", "not installed"]),
-        ([topics.IMU], {"storage": "hdf5"}, ["hdf5", "mcap", "sqlite3"]),
-        ([topics.IMU], {"storage": "sqlite3", "zstd": True}, ["zstd", "mcap"]),
+        (["imu/data"], {}, BagCause.TOPIC, ["imu/data", "imu/data_raw", "name:package/msg/Type"]),
+        (["x:no_msgs/msg/No"], {}, BagCause.TOPIC, ["topic x", "no_msgs/msg/No", "not installed"]),
+        ([topics.IMU], {"storage": "hdf5"}, BagCause.OPTION, ["hdf5", "mcap", "sqlite3"]),
+        ([topics.IMU], {"storage": "sqlite3", "zstd": True}, BagCause.OPTION, ["zstd", "mcap"]),
     ],
 )
-def test_bad_choices_are_one_sentence_and_leave_nothing(tmp_path, names, form, words):
+def test_bad_choices_are_one_sentence_and_leave_nothing(tmp_path, names, form, cause, words):
     with pytest.raises(BagError) as error:
         BagRecorder(tmp_path / "bag", names, form=Format(**form))
-    assert all(word in str(error.value) for word in words)
+    assert error.value.cause == cause and all(word in str(error.value) for word in words)
     assert not (tmp_path / "bag").exists()
 
 
 FULL_DISK = """
-import resource, signal, sys
+import json, resource, signal, sys
 from test_recorder import NAMES, FORMS, stream
 from heli_bags.writer import BagError, BagRecorder
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 recorder = BagRecorder(sys.argv[1], NAMES, "/heli", FORMS[sys.argv[2]])
 if int(sys.argv[3]):
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
-said = []
+errors = []
 for number, (name, stamp_ns, raw) in enumerate(stream(6000)):
     try:
         recorder.write(name, raw)
         if number % int(sys.argv[4]) == 0:
             recorder.flush()
     except BagError as error:
-        said.append(str(error))
+        errors.append(error)
 recorder.close()
-print(len(said), *said)
+(error,) = errors
+why = error.__cause__
+full = getattr(why, "sqlite_errorname", None) == "SQLITE_FULL" or getattr(why, "errno", 0) == 28
+print(json.dumps([error.cause.name, error.kept, full, str(error)]))
 """
 
 
+KEPT, NO_ROOM = "the bag holds {} messages", "cannot be written: No space left"
+ADVICE = "'heli bag repair' restores what was written"
+
+
 def fill(folder, form, limit, flush_every=20):
-    """Record until the disk is full; what the recorder said."""
+    """Record until the disk is full; messages kept, whether the disk was, and the sentence."""
     done = subprocess.run(
         [sys.executable, "-c", FULL_DISK, folder, form, str(limit), str(flush_every)],
         cwd=Path(__file__).parent, capture_output=True, text=True, timeout=150,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    times, message = done.stdout.split(" ", 1)
-    assert times == "1" and len(message.splitlines()) == 1, done.stdout
-    assert f"{folder}: recording stopped: " in message
-    return message
+    cause, kept, full, sentence = json.loads(done.stdout)
+    assert cause == BagCause.STOPPED.name
+    assert sentence.startswith(f"{folder}: recording stopped: ") and "\n" not in sentence
+    return kept, full, sentence
 
 
 def is_beginning(folder):
@@ -360,11 +368,9 @@ def is_beginning(folder):
 @pytest.mark.parametrize("flush_every", [20, 10**6], ids=["often", "never"])
 @pytest.mark.parametrize("form", ["mcap", "sqlite3"])
 def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form, flush_every):
-    message = fill(small_disk / "bag", form, 0, flush_every)
-    assert "No space left" in message or "full" in message
-    count = is_beginning(small_disk / "bag")
-    assert f"the bag holds {count} messages" in message
-    assert count > 1500
+    kept, full, sentence = fill(small_disk / "bag", form, 0, flush_every)
+    assert full and kept == is_beginning(small_disk / "bag") > 1500
+    assert KEPT.format(kept) in sentence
 
 
 @pytest.mark.parametrize(
@@ -372,18 +378,21 @@ def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form, flush_
 )
 def test_disk_without_room_for_the_index_is_repaired(tmp_path, form, limit):
     """Writes fail in the middle of a file and ever after (by the limit of a file's size)."""
-    message = fill(tmp_path / "bag", form, limit)
-    if "heli bag repair" in message:
+    kept, _, sentence = fill(tmp_path / "bag", form, limit)
+    assert (ADVICE in sentence) == (kept is None)
+    if kept is None:
         assert repair(tmp_path / "bag", tmp_path / "new").messages > 300
         assert is_beginning(tmp_path / "new") > 300
     else:
-        assert is_beginning(tmp_path / "bag") > 300
+        assert kept == is_beginning(tmp_path / "bag") > 300
 
 
 def test_no_room_at_all_is_said_before_anything_is_recorded(small_disk):
     (small_disk / "other").write_bytes(bytes(3_000_000))
-    with pytest.raises(BagError, match="cannot be written: No space left"):
+    with pytest.raises(BagError) as caught:
         BagRecorder(small_disk / "bag", NAMES)
+    assert caught.value.cause == BagCause.UNWRITABLE
+    assert caught.value.__cause__.errno == errno.ENOSPC and NO_ROOM in str(caught.value)
     assert not (small_disk / "bag").exists()
 
 

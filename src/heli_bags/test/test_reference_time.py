@@ -22,7 +22,7 @@ def hover(north_m):
     return encode_reference(Trajectory.hover(np.array([north_m, 0.0, -10.0]), 0.0))
 
 
-def diagnostics(ways, stamp_ns):
+def diagnostics_message(ways, stamp_ns):
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
     facts = [KeyValue(key=FACT_WAYS, value=str(ways))]
@@ -31,7 +31,7 @@ def diagnostics(ways, stamp_ns):
     return serialize_message(message)
 
 
-def recorded(folder, late, reported):
+def recorded(folder, late, statuses):
     """References that are recorded 2.5 s after the flight began, and what is told at its end."""
     recorder = BagRecorder(folder, NAMES, "/heli", Format("mcap"), START_NS)
     actuators = Encoder(topics.ACTUATORS)
@@ -43,8 +43,8 @@ def recorded(folder, late, reported):
         if tick == LATE_TICK:
             for message in late:
                 recorder.write(topics.REFERENCE, serialize_message(message))
-    for ways in reported:
-        recorder.write(topics.DIAGNOSTICS, diagnostics(ways, stamp_ns))
+    for ways in statuses:
+        recorder.write(topics.DIAGNOSTICS, diagnostics_message(ways, stamp_ns))
     recorder.close()
     return [
         (round(since_ns / NS_PER_S, 2), way.points[0, 0].item())
@@ -58,19 +58,19 @@ def ways(*pairs):
 
 def test_what_is_told_counts_and_else_when_it_was_recorded(tmp_path):
     late = [hover(1.0), hover(2.0), hover(3.0)]
-    references = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0)), ways((1.7, 2.0))])
-    assert references == [(1.2, 1.0), (1.7, 2.0), (3.5, 3.0)]
+    dated = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0)), ways((1.7, 2.0))])
+    assert dated == [(1.2, 1.0), (1.7, 2.0), (3.5, 3.0)]
 
 
 def test_the_same_way_flown_again_counts_again(tmp_path):
     late = [hover(1.0), hover(2.0), hover(1.0)]
-    references = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0), (2.4, 1.0))])
-    assert references == [(1.2, 1.0), (1.7, 2.0), (2.4, 1.0)]
+    dated = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0), (2.4, 1.0))])
+    assert dated == [(1.2, 1.0), (1.7, 2.0), (2.4, 1.0)]
 
 
 def test_what_cannot_be_read_is_as_if_it_were_not_told(tmp_path):
-    for number, text in enumerate(["[[1", "[1, 2]", "[[1, 2, 3]]", "{}", [["a", "b"]]]):
-        assert recorded(tmp_path / str(number), [hover(1.0)], [text]) == [(3.5, 1.0)]
+    for number, status in enumerate(["[[1", "[1, 2]", "[[1, 2, 3]]", "{}", [["a", "b"]]]):
+        assert recorded(tmp_path / str(number), [hover(1.0)], [status]) == [(3.5, 1.0)]
 
 
 def test_ways_that_differ_in_one_place_have_another_key():
@@ -96,8 +96,10 @@ def test_what_is_said_counts_when_it_was_so_however_early_it_was_heard(tmp_path)
         recorder.write(topics.ACTUATORS, Encoder(topics.ACTUATORS).encode(row, stamp_ns))
         if tick == LATE_TICK:
             for said_s in (2.0, 9.0, 10.0):
-                recorder.write(topics.DIAGNOSTICS, diagnostics([], round(said_s * NS_PER_S)))
-            recorder.write(topics.DIAGNOSTICS, diagnostics([], 3600 * NS_PER_S))
+                recorder.write(
+                    topics.DIAGNOSTICS, diagnostics_message([], round(said_s * NS_PER_S))
+                )
+            recorder.write(topics.DIAGNOSTICS, diagnostics_message([], 3600 * NS_PER_S))
     recorder.close()
-    times_s = [remark.stamp_ns / NS_PER_S for remark in read_bag(tmp_path / "b").remarks]
-    assert times_s == [2.0, 3.5, 9.0, 10.0]
+    dated = [remark.stamp_ns / NS_PER_S for remark in read_bag(tmp_path / "b").remarks]
+    assert dated == [2.0, 3.5, 9.0, 10.0]

@@ -18,10 +18,10 @@ from rosbags.rosbag2 import (
 )
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.reader import read_bag, trouble
+from heli_bags.reader import TroubleKind, read_bag, trouble, trouble_of
 from heli_bags.repair import repair
 from heli_bags.tools import bag_info
-from heli_bags.writer import BagError, BagRecorder, Format
+from heli_bags.writer import METADATA, BagCause, BagError, BagRecorder, Format
 from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS
@@ -30,6 +30,7 @@ from heli_msgs_bridge.messages import Encoder
 NAMES = (topics.IMU, topics.ACTUATORS)
 FORMS = {"mcap": Format(), "zstd": Format(zstd=True), "sqlite3": Format("sqlite3")}
 TICKS = 400
+ADVICE = "'heli bag repair {}' restores what can be"
 
 
 def stream():
@@ -105,14 +106,14 @@ def test_cut_anywhere(whole, scratch, form, part):
     bag, new = cut(whole, scratch, form, size)
     before = data_file(bag).read_bytes()
     try:
-        repaired = repair(bag, new)
+        result = repair(bag, new)
     except BagError as error:
         assert str(bag) in str(error) and not new.exists()
         assert size < 20_000
         return
-    assert repaired is not None and repaired.folder == str(new)
+    assert result is not None and result.folder == str(new)
     kept = content(new)
-    assert repaired.messages == len(kept)
+    assert result.messages == len(kept)
     assert kept == sorted(SENT[: len(kept)], key=lambda row: row[1])
     assert data_file(bag).read_bytes() == before
     if form == "mcap":
@@ -131,12 +132,12 @@ def test_cut_database(whole, scratch, part):
     file = data_file(whole / "sqlite3")
     bag, new = cut(whole, scratch, "sqlite3", round(part * file.stat().st_size))
     try:
-        repaired = repair(bag, new)
+        result = repair(bag, new)
     except BagError as error:
-        assert "no message that can be read" in str(error) and part < 0.1
+        assert error.cause == BagCause.NOTHING_LEFT and part < 0.1
         return
     kept = content(new)
-    assert repaired.messages == len(kept) and set(kept) <= set(SENT)
+    assert result.messages == len(kept) and set(kept) <= set(SENT)
     assert len(kept) > (part - 0.3) * len(SENT)
 
 
@@ -147,10 +148,12 @@ def test_recorder_that_never_closed(tmp_path, form):
     shutil.copytree(tmp_path / "bag", tmp_path / "killed")
     alive.close()
     bag = tmp_path / "killed"
-    with pytest.raises(BagError, match=f"heli bag repair {bag}"):
+    with pytest.raises(BagError) as caught:
         read_bag(bag)
-    repaired = repair(bag)
-    assert repaired.folder == f"{bag}_repaired"
+    assert caught.value.cause == BagCause.NOT_WHOLE
+    assert str(caught.value).endswith(ADVICE.format(bag))
+    result = repair(bag)
+    assert result.folder == f"{bag}_repaired"
     flushed = len(SENT) // 60 * 60
     assert content(bag.with_name("killed_repaired")) == SENT[:flushed]
     assert trouble(bag.with_name("killed_repaired")) == ""
@@ -160,8 +163,10 @@ def test_recorder_that_never_closed(tmp_path, form):
 def test_missing_metadata_is_written_anew(whole, tmp_path, form):
     shutil.copytree(whole / form, tmp_path / form)
     (tmp_path / form / "metadata.yaml").unlink()
-    repaired = repair(tmp_path / form, in_place=True)
-    assert repaired.trouble == "metadata.yaml is missing" and repaired.lost_bytes == 0
+    wrong = trouble_of(tmp_path / form)
+    assert (wrong.kind, wrong.names) == (TroubleKind.MISSING, (METADATA,))
+    result = repair(tmp_path / form, in_place=True)
+    assert result.trouble == wrong.sentence and result.lost_bytes == 0
     assert content(tmp_path / form) == SENT
     assert content(data_file(tmp_path / f"{form}_damaged")) == SENT
     restored, original = bag_info(tmp_path / form), bag_info(whole / form)
@@ -176,7 +181,8 @@ def test_split_bag_whose_last_file_is_cut_off(tmp_path):
     shutil.copytree(tmp_path / "bag", tmp_path / "killed")
     alive.close()
     assert len(content(tmp_path / "killed")) == 600
-    assert "bag_3.mcap is cut off" in trouble(tmp_path / "killed")
+    wrong = trouble_of(tmp_path / "killed")
+    assert (wrong.kind, wrong.names) == (TroubleKind.CUT_OFF, ("bag_3.mcap",))
     repair(tmp_path / "killed", tmp_path / "new")
     assert content(tmp_path / "new") == SENT
     assert len(list((tmp_path / "new").glob("*.mcap"))) == 4
@@ -192,8 +198,8 @@ def test_bag_of_another_recorder(tmp_path):
             writer.write(connection, stamp_ns, raw)
     file = data_file(tmp_path / "bag")
     file.write_bytes(file.read_bytes()[:50_000])
-    repaired = repair(tmp_path / "bag", tmp_path / "new")
-    assert 100 < repaired.messages < 200
+    result = repair(tmp_path / "bag", tmp_path / "new")
+    assert 100 < result.messages < 200
     (row,) = bag_info(tmp_path / "new").topics
     assert row.hash == store.hash_rihs01(kind)
 
@@ -210,9 +216,9 @@ def test_damaged_chunk_is_left_out(whole, tmp_path, form):
     middle = chunk.chunk_start_offset + chunk.chunk_length // 2
     raw[middle : middle + 200] = bytes(200)
     file.write_bytes(raw)
-    repaired = repair(tmp_path / "bag")
-    assert repaired.damaged_chunks == 1
-    assert len(SENT) - 60 <= repaired.messages < len(SENT)
+    result = repair(tmp_path / "bag")
+    assert result.damaged_chunks == 1
+    assert len(SENT) - 60 <= result.messages < len(SENT)
 
 
 def test_messages_that_were_compressed_one_by_one(tmp_path):
@@ -228,8 +234,8 @@ def test_messages_that_were_compressed_one_by_one(tmp_path):
         (raw,) = database.execute("SELECT data FROM messages WHERE id = 7").fetchone()
         damaged = raw[:20] + bytes(len(raw) - 20)
         database.execute("UPDATE messages SET data = ? WHERE id = 7", (damaged,))
-    repaired = repair(tmp_path / "bag", tmp_path / "new")
-    assert (repaired.damaged_chunks, repaired.messages) == (1, TICKS - 1)
+    result = repair(tmp_path / "bag", tmp_path / "new")
+    assert (result.damaged_chunks, result.messages) == (1, TICKS - 1)
     whole = [raw for _, _, raw in SENT[::2]]
     assert [raw for _, _, raw in content(tmp_path / "new")] == whole[:6] + whole[7:]
 
@@ -245,13 +251,21 @@ def test_refusals_are_one_sentence(whole, tmp_path):
     (tmp_path / "text").mkdir()
     (tmp_path / "text" / "a.mcap").write_text("no bag at all, only words")
     (tmp_path / "note.txt").write_text("no bag")
-    for bag in ("nowhere", "empty", "text", "note.txt"):
+    for bag, cause in (
+        ("nowhere", BagCause.MISSING),
+        ("empty", BagCause.NO_BAG),
+        ("text", BagCause.NO_BAG),
+        ("note.txt", BagCause.NO_BAG),
+    ):
         with pytest.raises(BagError) as error:
             repair(tmp_path / bag)
+        assert error.value.cause == cause
         assert str(tmp_path / bag) in str(error.value) and "\n" not in str(error.value)
     shutil.copytree(whole / "mcap", tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").unlink()
-    with pytest.raises(BagError, match="exists already"):
+    with pytest.raises(BagError, match="exists already") as error:
         repair(tmp_path / "bag", tmp_path / "text")
-    with pytest.raises(BagError, match="not both"):
+    assert error.value.cause == BagCause.EXISTS
+    with pytest.raises(BagError, match="not both") as error:
         repair(tmp_path / "bag", tmp_path / "new", in_place=True)
+    assert error.value.cause == BagCause.OPTION

@@ -19,12 +19,14 @@ from heli_core.rows import REFERENCE
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import MAX_POINTS, Trajectory, TrajectoryError
 from heli_msgs_bridge import frames, topics
-from heli_msgs_bridge.layouts import MessageError, quoted
+from heli_msgs_bridge.layouts import FrameError, MessageCause, MessageError, quoted
 from heli_msgs_bridge.topics import BASE, MAP, in_namespace
 
 # -------------------------------------------------------------------------------------------------
 # Reference message.
 # -------------------------------------------------------------------------------------------------
+
+_IN_MAP, _FINITE = f"'{MAP}' (east, north, up)", "finite numbers"
 
 
 def encode_reference(reference: Trajectory, namespace: str = "") -> Any:
@@ -71,8 +73,11 @@ def key_of(message: Any) -> int:
 def _row(point: Any, index: int) -> np.ndarray:
     if len(point.transforms) != 1 or len(point.velocities) > 1:
         raise MessageError(
-            f"{topics.REFERENCE}: point {index} has {len(point.transforms)} transforms and "
-            f"{len(point.velocities)} velocities; expected one of each"
+            f"point {index} has {len(point.transforms)} transforms and "
+            f"{len(point.velocities)} velocities; expected one of each",
+            MessageCause.LENGTH,
+            topic=topics.REFERENCE,
+            value=(index, len(point.transforms), len(point.velocities)),
         )
     t, r = point.transforms[0].translation, point.transforms[0].rotation
     v = point.velocities[0].linear if point.velocities else None
@@ -82,7 +87,12 @@ def _row(point: Any, index: int) -> np.ndarray:
         frames.enu_to_ned(np.array([v.x, v.y, v.z]), row[REFERENCE.vel])
     quaternion = np.array([r.x, r.y, r.z, r.w])
     if not abs(math.hypot(*quaternion.tolist()) - 1.0) < 1e-3:
-        raise MessageError(f"{topics.REFERENCE}: point {index}: not a unit quaternion")
+        raise MessageError(
+            f"point {index}: not a unit quaternion",
+            MessageCause.QUATERNION,
+            topic=topics.REFERENCE,
+            value=index,
+        )
     frames.quat_enu_flu_to_ned_frd(quaternion, q)
     _, _, row[REFERENCE.psi] = euler_from_quat(q)
     return row
@@ -106,21 +116,31 @@ def decode_reference(message: Any, namespace: str | None = None) -> Trajectory:
     """
     name, frame = topics.REFERENCE, message.header.frame_id
     if frame.endswith(("_ned", "_frd")):
-        raise MessageError(f"{name}: frame {quoted(frame)} says NED; expected ENU")
+        raise FrameError(name, frame, says=" says NED; expected ENU")
     if namespace is not None:
         if frame != MAP:
-            raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}'")
+            raise FrameError(name, frame, f"'{MAP}'")
         base_frame, joint_names = in_namespace(BASE, namespace), list(message.joint_names[:2])
         if joint_names not in ([], [base_frame]):
             names = ", ".join(map(quoted, joint_names))
-            raise MessageError(f"{name}: for {names}; allowed: '{base_frame}', or no name")
+            raise MessageError(
+                f"for {names}",
+                MessageCause.AIRCRAFT,
+                topic=name,
+                value=joint_names,
+                allowed=f"'{base_frame}', or no name",
+            )
     if len(message.points) > MAX_POINTS:
         # Before they are read, which takes as long as there are many.
         raise MessageError(
-            f"{name}: holds {len(message.points)} points; allowed: at most {MAX_POINTS}"
+            f"holds {len(message.points)} points",
+            MessageCause.TOO_LONG,
+            topic=name,
+            value=len(message.points),
+            allowed=f"at most {MAX_POINTS}",
         )
     if not message.points:
-        raise MessageError(f"{name}: holds no points")
+        raise MessageError("holds no points", MessageCause.NO_POINTS, topic=name)
     times = [p.time_from_start.sec * NS_PER_S + p.time_from_start.nanosec for p in message.points]
     rows = [_row(point, index) for index, point in enumerate(message.points)]
     stamp = message.header.stamp
@@ -128,7 +148,9 @@ def decode_reference(message: Any, namespace: str | None = None) -> Trajectory:
     try:
         return Trajectory(start_ns, np.array(times, dtype=np.int64), np.array(rows))
     except TrajectoryError as error:
-        raise MessageError(f"{name}: {error}") from error
+        finite = np.isfinite(rows).all()
+        cause = MessageCause.TRAJECTORY if finite else MessageCause.NOT_FINITE
+        raise MessageError(str(error), cause, topic=name) from error
 
 
 # -------------------------------------------------------------------------------------------------
@@ -165,19 +187,25 @@ def decode_velocity(message: Any, psi_rad: float, namespace: str = "") -> Veloci
     name, frame = topics.COMMAND_VELOCITY, message.header.frame_id
     base_frame = in_namespace(BASE, namespace)
     if frame not in (MAP, base_frame):
-        raise MessageError(
-            f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up), "
-            f"'{base_frame}' (forward, left, up, level)"
-        )
+        raise FrameError(name, frame, f"{_IN_MAP}, '{base_frame}' (forward, left, up, level)")
     v, w = message.twist.linear, message.twist.angular
     linear_mps, turn = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
     if not np.isfinite(np.r_[linear_mps, turn]).all():
         raise MessageError(
-            f"{name}: linear {linear_mps.tolist()}, angular {turn.tolist()}; "
-            "allowed: finite numbers"
+            f"linear {linear_mps.tolist()}, angular {turn.tolist()}",
+            MessageCause.NOT_FINITE,
+            topic=name,
+            value=[*linear_mps.tolist(), *turn.tolist()],
+            allowed=_FINITE,
         )
     if turn[:2].any():
-        raise MessageError(f"{name}: angular {turn.tolist()}; allowed: x and y are 0")
+        raise MessageError(
+            f"angular {turn.tolist()}",
+            MessageCause.AXIS,
+            topic=name,
+            value=turn.tolist(),
+            allowed="x and y are 0",
+        )
     vel = np.empty(3)
     if frame == MAP:
         frames.enu_to_ned(linear_mps, vel)
@@ -217,13 +245,16 @@ def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
     """
     frame, pose = message.header.frame_id, message.pose
     if frame != MAP:
-        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up)")
+        raise FrameError(name, frame, _IN_MAP)
     p, r = pose.position, pose.orientation
     enu, quaternion = np.array([p.x, p.y, p.z]), np.array([r.x, r.y, r.z, r.w])
     if not np.isfinite(np.r_[enu, quaternion]).all():
         raise MessageError(
-            f"{name}: position {enu.tolist()}, orientation {quaternion.tolist()}; allowed: finite "
-            "numbers"
+            f"position {enu.tolist()}, orientation {quaternion.tolist()}",
+            MessageCause.NOT_FINITE,
+            topic=name,
+            value=[*enu.tolist(), *quaternion.tolist()],
+            allowed=_FINITE,
         )
     pos = np.empty(3)
     frames.enu_to_ned(enu, pos)
@@ -231,8 +262,11 @@ def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
     tilt_deg = math.degrees(max(abs(phi), abs(theta)))
     if tilt_deg > _LEVEL_DEG:
         raise MessageError(
-            f"{name}: an orientation tilted by {tilt_deg:.0f} deg; allowed: level, within "
-            f"{_LEVEL_DEG:g} deg"
+            f"an orientation tilted by {tilt_deg:.0f} deg",
+            MessageCause.NOT_LEVEL,
+            topic=name,
+            value=tilt_deg,
+            allowed=f"level, within {_LEVEL_DEG:g} deg",
         )
     stamp = message.header.stamp
     return GoalPose(stamp.sec * NS_PER_S + stamp.nanosec, pos, psi)
@@ -245,7 +279,13 @@ def attitude_of(name: str, xyzw: NDArray[np.float64]) -> tuple[float, float, flo
     """
     length = math.hypot(*xyzw.tolist())
     if abs(length - 1.0) > _UNIT_ERROR:
-        raise MessageError(f"{name}: a quaternion of length {length:.3g}; allowed: 1")
+        raise MessageError(
+            f"a quaternion of length {length:.3g}",
+            MessageCause.QUATERNION,
+            topic=name,
+            value=length,
+            allowed="1",
+        )
     q = np.empty(4)
     frames.quat_enu_flu_to_ned_frd(xyzw, q)
     phi, theta, psi = euler_from_quat(q)
@@ -283,10 +323,16 @@ def decode_attitude(message: Any) -> AttitudeCommand:
     """
     name, frame, q = topics.COMMAND_ATTITUDE, message.header.frame_id, message.quaternion
     if frame != MAP:
-        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up)")
+        raise FrameError(name, frame, _IN_MAP)
     xyzw = np.array([q.x, q.y, q.z, q.w], float)
     if not np.isfinite(xyzw).all():
-        raise MessageError(f"{name}: quaternion {xyzw.tolist()}; allowed: finite numbers")
+        raise MessageError(
+            f"quaternion {xyzw.tolist()}",
+            MessageCause.NOT_FINITE,
+            topic=name,
+            value=xyzw.tolist(),
+            allowed=_FINITE,
+        )
     stamp = message.header.stamp
     return AttitudeCommand(stamp.sec * NS_PER_S + stamp.nanosec, np.array(attitude_of(name, xyzw)))
 
@@ -309,16 +355,17 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
     name, frame = topics.COMMAND_CLIMB, message.header.frame_id
     base_frame = in_namespace(BASE, namespace)
     if frame not in (MAP, base_frame):
-        raise MessageError(
-            f"{name}: frame {quoted(frame)}; allowed: '{MAP}', '{base_frame}' (level)"
-        )
+        raise FrameError(name, frame, f"'{MAP}', '{base_frame}' (level)")
     v, w = message.twist.linear, message.twist.angular
     linear, angular = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
-    prefix = f"{name}: linear {linear.tolist()}, angular {angular.tolist()}; allowed: "
-    if not np.isfinite(np.r_[linear, angular]).all():
-        raise MessageError(f"{prefix}finite numbers")
+    value = [*linear.tolist(), *angular.tolist()]
+    problem = f"linear {linear.tolist()}, angular {angular.tolist()}"
+    if not np.isfinite(value).all():
+        cause = MessageCause.NOT_FINITE
+        raise MessageError(problem, cause, topic=name, value=value, allowed=_FINITE)
     if linear[:2].any() or angular.any():
-        raise MessageError(f"{prefix}linear z alone, the others are 0")
+        allowed = "linear z alone, the others are 0"
+        raise MessageError(problem, MessageCause.AXIS, topic=name, value=value, allowed=allowed)
     stamp = message.header.stamp
     return ClimbCommand(stamp.sec * NS_PER_S + stamp.nanosec, float(linear[2]))
 
@@ -393,8 +440,11 @@ def decode_goal(message: Any) -> GoalCommand:
     ):
         quoted_names = ", ".join(map(quoted, joint_names))
         raise MessageError(
-            f"{name}: joint_names {quoted_names or 'empty'}; allowed: a command "
-            f"({', '.join(commands)}) and an id of 1 to {_MOST_ID} characters"
+            f"joint_names {quoted_names or 'empty'}",
+            MessageCause.COMMAND,
+            topic=name,
+            value=joint_names,
+            allowed=f"a command ({', '.join(commands)}) and an id of 1 to {_MOST_ID} characters",
         )
     command, goal_id = joint_names
     if command == _FOLLOW:
@@ -409,7 +459,12 @@ def decode_goal(message: Any) -> GoalCommand:
     if command in _PLAIN:
         return GoalCommand(command, goal_id, None)
     if len(message.points) != 1 or len(message.points[0].transforms) != 1:
-        raise MessageError(f"{name}: {command} without a pose; expected one point with one")
+        raise MessageError(
+            f"{command} without a pose; expected one point with one",
+            MessageCause.LENGTH,
+            topic=name,
+            value=len(message.points),
+        )
     place, pose = message.points[0].transforms[0], PoseStamped(header=message.header)
     p, at = pose.pose.position, place.translation
     p.x, p.y, p.z, pose.pose.orientation = at.x, at.y, at.z, place.rotation

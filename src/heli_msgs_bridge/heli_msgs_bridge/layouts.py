@@ -7,6 +7,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -408,18 +409,98 @@ _MOST_JOINTS, _SHOWN, _LONGEST_TEXT = 64, 8, 40
 _PLURAL = {"position": "positions", "velocity": "velocities"}
 
 
+class MessageCause(Enum):
+    """Why a message cannot be used."""
+
+    CUT_OFF = "it is too short to hold a stamp"
+    TOO_LONG = "it has more bytes, joints or points than are looked through"
+    UNREADABLE = "it is no message of its type"
+    FRAME = "it is in another frame"
+    AIRCRAFT = "it is for another aircraft"
+    MISSING_JOINT = "a joint is missing"
+    LENGTH = "it has not as many of one as of another: joints and numbers, points and poses"
+    NO_POINTS = "it holds no points"
+    TRAJECTORY = "its points or times cannot be flown"
+    NOT_FINITE = "a number is not finite"
+    QUATERNION = "a quaternion is not of unit length"
+    OUT_OF_RANGE = "a number is outside of its range"
+    NO_FIX = "the receiver has no fix"
+    AXIS = "a number is not 0 about or along an axis that cannot be commanded"
+    NOT_LEVEL = "an orientation is not level"
+    COMMAND = "it names no command and id"
+
+
 class MessageError(ValueError):
-    """A message that cannot be used; the text names topic and reason."""
+    """A message that cannot be used; the text is one sentence that names topic and reason.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong, in words; the sentence is made of it and of the facts.
+
+    Attributes
+    ----------
+    cause : MessageCause or None
+        For programs; None where none is named.
+    topic : str
+        Its name; empty where the problem names it.
+    value : Any
+        What is refused: a frame's name, a number, a length; None where it is no matter of one.
+    allowed : str
+        What would be allowed, in words.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        cause: MessageCause | None = None,
+        *,
+        topic: str = "",
+        value: Any = None,
+        allowed: str = "",
+    ) -> None:
+        super().__init__(problem)
+        self.problem, self.cause, self.topic = problem, cause, topic
+        self.value, self.allowed = value, allowed
+
+    def __str__(self) -> str:
+        line = f"{self.topic}: {self.problem}" if self.topic else self.problem
+        return f"{line}; allowed: {self.allowed}" if self.allowed else line
 
 
 class FrameError(MessageError):
-    """A message in another frame than its topic's."""
+    """A message in another frame than its topic's.
+
+    Parameters
+    ----------
+    topic, frame : str
+        The message's.
+    allowed : str
+        Which frames are, in words.
+    says : str
+        What the frame's name says that is wrong.
+    """
+
+    def __init__(self, topic: str, frame: str, allowed: str = "", says: str = "") -> None:
+        super().__init__(
+            f"frame {quoted(frame)}{says}",
+            MessageCause.FRAME,
+            topic=topic,
+            value=frame,
+            allowed=allowed,
+        )
 
 
 class CutOffError(MessageError):
     """A message that is too short to hold a stamp: nobody knows when it belongs."""
 
 
+_CAUSES = {
+    NOT_FINITE: MessageCause.NOT_FINITE,
+    NOT_UNIT: MessageCause.QUATERNION,
+    OUT_OF_RANGE: MessageCause.OUT_OF_RANGE,
+    NO_FIX: MessageCause.NO_FIX,
+}
 _Lay = Callable[[Layout], Layout]
 """Appends what stands behind the frames' names."""
 
@@ -455,11 +536,18 @@ def _joint_block(
         numbers = getattr(message, field)
         if len(message.name) > _MOST_JOINTS:
             raise MessageError(
-                f"{topic}: names {len(message.name)} joints; allowed: at most {_MOST_JOINTS}"
+                f"names {len(message.name)} joints",
+                MessageCause.TOO_LONG,
+                topic=topic,
+                value=len(message.name),
+                allowed=f"at most {_MOST_JOINTS}",
             )
         if len(numbers) != len(message.name):
             raise MessageError(
-                f"{topic}: {len(message.name)} names but {len(numbers)} {_PLURAL[field]}"
+                f"{len(message.name)} names but {len(numbers)} {_PLURAL[field]}",
+                MessageCause.LENGTH,
+                topic=topic,
+                value=(len(message.name), len(numbers)),
             )
         for i, name in enumerate(names):
             if name not in message.name:
@@ -468,10 +556,20 @@ def _joint_block(
                     or "none"
                 )
                 got += ", ..." if len(message.name) > _SHOWN else ""
-                raise MessageError(f"{topic}: no joint '{name}'; the message names {got}")
+                raise MessageError(
+                    f"no joint '{name}'; the message names {got}",
+                    MessageCause.MISSING_JOINT,
+                    topic=topic,
+                    value=name,
+                )
             block[i] = numbers[list(message.name).index(name)]
 
     return read
+
+
+def refusal(topic: str, code: int) -> MessageError:
+    """The error of a code of `REASONS`."""
+    return MessageError(REASONS[code], _CAUSES[code], topic=topic)
 
 
 def _xyz(v: Any) -> list[float]:
@@ -501,7 +599,7 @@ def _imu_block(message: Any, topic: str, block: NDArray) -> None:
 
 def _fix_block(message: Any, topic: str, block: NDArray) -> None:
     if message.status.status < STATUS_FIX:
-        raise MessageError(f"{topic}: {REASONS[NO_FIX]}")
+        raise refusal(topic, NO_FIX)
     block[FIX.geodetic] = message.latitude, message.longitude, message.altitude
     block[FIX.cov] = message.position_covariance
 

@@ -98,6 +98,34 @@ class NodeStartError(Exception):
     """A node cannot start; the message is one line for the user."""
 
 
+class AbsentPeersError(NodeStartError):
+    """Nobody listens to a topic that must be heard before a node may start.
+
+    Attributes
+    ----------
+    topic : str
+    peers : frozenset of str
+        Who does not listen.
+    waited_s : float
+        For how long, wall time.
+    """
+
+    def __init__(self, topic: str, peers: frozenset[str], waited_s: float) -> None:
+        super().__init__(
+            f"nobody listens to '{topic}' after {waited_s:.3g} s: missing {_in_order(peers)}"
+        )
+        self.topic, self.peers, self.waited_s = topic, peers, waited_s
+
+
+def waiting_for(peers: Iterable[str]) -> str:
+    """What a node says while it waits for peers that get ready."""
+    return f"waiting for {_in_order(peers)} to get ready"
+
+
+def _in_order(peers: Iterable[str]) -> str:
+    return ", ".join(sorted(peers))
+
+
 @dataclass(frozen=True)
 class NodeSpec:
     """What a node is.
@@ -242,7 +270,7 @@ def wait_for_peers(node: "ManagedNode") -> None:
 
     Raises
     ------
-    NodeStartError
+    AbsentPeersError
         Naming topic and missing nodes, when for `connect_timeout_s` of wall time they were not in
         the graph, or for `READY_LIMIT_S` did not get ready.
     """
@@ -251,18 +279,13 @@ def wait_for_peers(node: "ManagedNode") -> None:
     deadline_s = begun_s + limit_s
     while (lacking := absent(node)) is not None:
         now_s = time.monotonic()
-        names = ", ".join(sorted(lacking.peers))
         if now_s - looked_s > _LOOK_S:
             looked_s = now_s
             if _get_ready(node, lacking) and now_s - begun_s < READY_LIMIT_S:
                 deadline_s = now_s + limit_s
-                message = f"waiting for {names} to get ready"
-                node.report(Level.OK, message, state=NodeState.WAITING)
+                node.report(Level.OK, waiting_for(lacking.peers), state=NodeState.WAITING)
         if now_s > deadline_s:
-            waited = f"{now_s - begun_s:.3g}"
-            raise NodeStartError(
-                f"nobody listens to '{lacking.topic}' after {waited} s: missing {names}"
-            )
+            raise AbsentPeersError(lacking.topic, lacking.peers, now_s - begun_s)
         time.sleep(_POLL_S if now_s - begun_s < _PATIENT_AFTER_S else _PATIENT_POLL_S)
 
 

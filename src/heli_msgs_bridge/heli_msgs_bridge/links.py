@@ -449,10 +449,15 @@ class HeardLinks:
                 heard[topic] = (stamp, row.copy())
         return heard
 
+    def acting_on(self, time_s: float) -> list[tuple[str, str]]:
+        """Topic and kind of each fault that acts at a flight time, each once."""
+        now = [(topic, fault.kind) for fault, topic in self._faults if fault.acts(time_s)]
+        return list(dict.fromkeys(now))
+
     def acting(self, time_s: float) -> str:
-        """What acts at a flight time, in words; empty for nothing."""
-        now = [f"{topic} {fault.kind}" for fault, topic in self._faults if fault.acts(time_s)]
-        return f"link fault: {', '.join(dict.fromkeys(now))}" if now else ""
+        """The same in words; empty for nothing."""
+        now = [f"{topic} {kind}" for topic, kind in self.acting_on(time_s)]
+        return f"link fault: {', '.join(now)}" if now else ""
 
     def facts(self) -> dict[str, str]:
         """What has become of messages so far, by link, for /diagnostics."""

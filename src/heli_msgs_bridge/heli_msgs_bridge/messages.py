@@ -34,8 +34,8 @@ from heli_msgs_bridge.layouts import (
     Channel,
     CutOffError,
     FrameError,
+    MessageCause,
     MessageError,
-    quoted,
 )
 from heli_msgs_bridge.services import too_long
 from heli_msgs_bridge.topics import BASE, MAP, ODOM, in_namespace
@@ -53,6 +53,7 @@ __all__ = [
     "Decoder",
     "Encoder",
     "FrameError",
+    "MessageCause",
     "MessageError",
     "Variance",
     "has_fix",
@@ -149,9 +150,7 @@ def _frames_of(message: Any) -> tuple[str, ...]:
 def _refuse_frame(topic: str, frames: Sequence[str]) -> None:
     for frame in frames:
         if _NOT_ENU.search(frame):
-            raise FrameError(
-                f"{topic}: frame {quoted(frame)} says NED or FRD; expected ENU and FLU (REP-103)"
-            )
+            raise FrameError(topic, frame, says=" says NED or FRD; expected ENU and FLU (REP-103)")
 
 
 class Decoder:
@@ -220,7 +219,7 @@ class Decoder:
             self.stamp_ns = message.stamp_ns
             # An int8: the upper half are negative, no fix or a status that is not known.
             if self._free and message.get_byte(self._free[0]) > 0x7F:
-                raise MessageError(f"{self.topic}: {layouts.REASONS[layouts.NO_FIX]}")
+                raise layouts.refusal(self.topic, layouts.NO_FIX)
         else:
             self._decode_slowly(raw)
             message = self._message
@@ -229,28 +228,34 @@ class Decoder:
         else:
             code = self._unpack(message.block, self._datum, self.array)
         if code:
-            raise MessageError(f"{self.topic}: {layouts.REASONS[code]}")
+            raise layouts.refusal(self.topic, code)
         return self.array
 
     def _decode_slowly(self, raw: bytes) -> None:
         if len(raw) < 12:
-            raise CutOffError(f"{self.topic}: a message of {len(raw)} bytes is cut off")
+            raise CutOffError(
+                f"a message of {len(raw)} bytes is cut off",
+                MessageCause.CUT_OFF,
+                topic=self.topic,
+                value=len(raw),
+            )
         self.stamp_ns = stamp_of(raw)
         if why := too_long(self.topic, len(raw)):
-            raise MessageError(why)
+            raise MessageError(why, MessageCause.TOO_LONG, value=len(raw))
         try:
             message = self._deserialize(raw)
         except Exception as error:
-            cause = printable(str(error))
-            raise MessageError(f"{self.topic}: cannot be deserialised: {cause}") from error
+            why = printable(str(error))
+            raise MessageError(
+                f"cannot be deserialised: {why}", MessageCause.UNREADABLE, topic=self.topic
+            ) from error
         stamp = message.header.stamp
         self.stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
         frames = _frames_of(message)
         _refuse_frame(self.topic, frames)
         for frame, allowed in zip(frames, self._allowed or (), strict=False):
             if frame != allowed:
-                where = f"{self.topic}: frame {quoted(frame)}"
-                raise FrameError(f"{where}; allowed: '{allowed}'")
+                raise FrameError(self.topic, frame, f"'{allowed}'")
         channel, wider = self._usual, self._usual.wider
         if wider is not None and set(wider.joints) <= set(message.name):
             channel = wider

@@ -220,6 +220,8 @@ class RateLimit:
 
     Attributes
     ----------
+    per_s : float
+    what : str
     refused : int
         So far.
     """
@@ -227,15 +229,19 @@ class RateLimit:
     def __init__(
         self, per_s: float, at_once: float, what: str, now_s: Callable[[], float] = time.monotonic
     ) -> None:
-        self._per_s, self._at_once, self._now_s = per_s, at_once, now_s
+        self.per_s, self.what, self._at_once, self._now_s = per_s, what, at_once, now_s
         self._left, self._looked_s = at_once, now_s()
-        self.sentence = f"more than {per_s:g} {what} a second; ask less often"
         self.refused = 0
+
+    @property
+    def sentence(self) -> str:
+        """Why no more may pass now."""
+        return f"more than {self.per_s:g} {self.what} a second; ask less often"
 
     def admits(self) -> bool:
         """Whether one more may pass now."""
         now_s = self._now_s()
-        grown = self._left + (now_s - self._looked_s) * self._per_s
+        grown = self._left + (now_s - self._looked_s) * self.per_s
         self._left, self._looked_s = min(grown, self._at_once), now_s
         if self._left < 1.0:
             self.refused += 1

@@ -147,6 +147,11 @@ class Hearer(Protocol):
         """Say that a stamp does not fit to the clock."""
 
 
+def off_tick_refusal(topic: str, stamp_ns: int) -> str:
+    """Why a message whose stamp lies between two ticks is refused."""
+    return f"{topic}: stamp {stamp_ns} ns is not on a tick"
+
+
 def receiver(
     node: Hearer, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
 ) -> Callable[[bytes], None]:
@@ -191,7 +196,7 @@ def receiver(
         if tick < earliest:
             node.refuse_stamp(topic, tick, node.tick)
         elif rest and not off_tick:
-            refuse(f"{topic}: stamp {decoder.stamp_ns} ns is not on a tick")
+            refuse(off_tick_refusal(topic, decoder.stamp_ns))
         else:
             pace.take(topic, tick, value)
 

@@ -83,21 +83,21 @@ def test_a_sender_with_other_frames_is_read_fast_from_its_second_message_on(topi
 
 def diagonals(message):
     """Every covariance of a message: name -> its diagonal."""
-    variances = {}
+    by_name = {}
 
     def look(part, path):
         for name in part.get_fields_and_field_types():
             value = getattr(part, name)
             if name.endswith("covariance"):
                 size = math.isqrt(len(value))
-                variances[f"{path}{name}"] = np.array(value).reshape(size, size).diagonal()
+                by_name[f"{path}{name}"] = np.array(value).reshape(size, size).diagonal()
             elif name == "variance":
-                variances[f"{path}{name}"] = np.array([value])
+                by_name[f"{path}{name}"] = np.array([value])
             elif hasattr(value, "get_fields_and_field_types"):
                 look(value, f"{path}{name}.")
 
     look(message, "")
-    return variances
+    return by_name
 
 
 @pytest.mark.parametrize("topic", CHANNELS)
@@ -115,21 +115,21 @@ def test_no_variance_is_zero(topic):
 
 def test_what_is_not_measured_has_a_variance_that_nobody_believes():
     assert (diagonals(sent(topics.GPS_VELOCITY))["twist.covariance"] >= 1e6).all()
-    variances = diagonals(sent(topics.GPS_VELOCITY, variances=(0.01,)))["twist.covariance"]
-    assert variances[:3].tolist() == [0.01] * 3 and (variances[3:] >= 1e6).all()
+    covariances = diagonals(sent(topics.GPS_VELOCITY, variances=(0.01,)))["twist.covariance"]
+    assert covariances[:3].tolist() == [0.01] * 3 and (covariances[3:] >= 1e6).all()
     rate = diagonals(sent(topics.ODOM, variances=(4e-6,)))["twist.covariance"][3:]
     assert rate.tolist() == [4e-6] * 3
 
 
 def test_a_perfect_sensor_is_not_one_of_unknown_quality():
-    variances = diagonals(sent(topics.IMU, variances=(0.0, 0.0)))
+    covariances = diagonals(sent(topics.IMU, variances=(0.0, 0.0)))
     for name in ("angular_velocity_covariance", "linear_acceleration_covariance"):
-        assert (variances[name] > 0.0).all() and (variances[name] < 1e-12).all()
+        assert (covariances[name] > 0.0).all() and (covariances[name] < 1e-12).all()
 
 
 def test_up_has_a_variance_of_its_own():
-    variances = diagonals(sent(topics.GPS_FIX, variances=((1.0, 1.0, 2.25),)))
-    assert variances["position_covariance"].tolist() == [1.0, 1.0, 2.25]
+    covariances = diagonals(sent(topics.GPS_FIX, variances=((1.0, 1.0, 2.25),)))
+    assert covariances["position_covariance"].tolist() == [1.0, 1.0, 2.25]
 
 
 # --- the receiver ------------------------------------------------------------------------------

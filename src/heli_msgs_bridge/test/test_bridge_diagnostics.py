@@ -37,7 +37,7 @@ class Idle(ManagedNode[None, None]):
 
 
 @pytest.fixture
-def statuses(ros_context):
+def watched_node(ros_context):
     """A node in a namespace that nothing happens to: what it says, and when it was sent, s."""
     values = load(with_common(()), [config_folder("heli_core") / "common.yaml"], "idle")
     node = Idle(values | {"peers": []}, context=ros_context, namespace="heli2")
@@ -66,15 +66,15 @@ def statuses(ros_context):
 
 
 @pytest.mark.slow
-def test_a_node_whose_time_stands_still_speaks_once_a_second(statuses):
-    _, wait_for = statuses
+def test_a_node_whose_time_stands_still_speaks_once_a_second(watched_node):
+    _, wait_for = watched_node
     times = [at for at, _ in wait_for(6)]
     # A crowded machine makes one late, and so the period after it short.
     assert 0.8 < np.median(np.diff(times)) < 1.5, times
 
 
-def test_a_status_is_of_an_aircraft_and_of_now(statuses):
-    node, wait_for = statuses
+def test_a_status_is_of_an_aircraft_and_of_now(watched_node):
+    node, wait_for = watched_node
     node.tick = 700
     (_, message) = wait_for(1)[0]
     (status,) = message.status
@@ -130,7 +130,7 @@ def test_the_state_is_a_key_and_in_bags_from_before_it_a_sentence(message, state
     assert state_of({FACT_STATE: "finished"}, message) == NodeState.FINISHED
 
 
-def test_a_refusal_comes_back_out_of_its_text():
-    reason = "goto: too far; allowed: 2 m"
-    assert refusal_of(refusal_text(3, reason)) == (3, reason)
+@pytest.mark.parametrize("why", ["goto: far; allowed: 2 m", "a; b; 3", ""])
+def test_a_refusal_comes_back_out_of_its_text(why):
+    assert refusal_of(refusal_text(3, why)) == (3, why)
     assert refusal_of("none") == (0, "")

@@ -10,6 +10,8 @@ from rcl_interfaces.srv import SetParameters
 
 from heli_msgs_bridge.services import MOST_BYTES, RateLimit, guard, too_long
 
+SENTENCE = "more than 10 requests a second; ask less often"
+
 
 class Clock:
     now_s = 100.0
@@ -26,7 +28,7 @@ def test_a_burst_passes_then_so_many_a_second():
     assert sum(limit.admits() for _ in range(1000)) == 5
     clock.now_s += 1000.0
     assert sum(limit.admits() for _ in range(1000)) == 20
-    assert limit.sentence == "more than 10 requests a second; ask less often"
+    assert (limit.per_s, limit.what, limit.sentence) == (10.0, "requests", SENTENCE)
 
 
 @given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=200))
@@ -40,9 +42,9 @@ def test_never_more_than_the_rate_and_the_burst(pauses_s):
     assert passed + limit.refused == len(pauses_s) and passed >= 1
 
 
-@pytest.mark.parametrize(("size", "reason"), [(MOST_BYTES, False), (MOST_BYTES + 1, True)])
-def test_a_message_may_be_so_long(size, reason):
-    assert bool(too_long("odom", size)) == reason
+@pytest.mark.parametrize(("size", "refused"), [(MOST_BYTES, False), (MOST_BYTES + 1, True)])
+def test_a_message_may_be_so_long(size, refused):
+    assert bool(too_long("odom", size)) == refused
 
 
 class Service:
@@ -58,14 +60,14 @@ class Service:
 
 
 def test_a_flood_is_refused_in_the_answer_before_anything_is_judged():
-    judged = []
+    log = []
     service = Service(SetParameters)
-    guard(service, judged.append, lambda: "more than 50 requests; ask less often")
+    guard(service, log.append, lambda: SENTENCE)
     request = SetParameters.Request(parameters=[Parameter(name="a"), Parameter(name="b")])
     answer = service.callback(request, SetParameters.Response())
-    assert [r.reason for r in answer.results] == ["more than 50 requests; ask less often"] * 2
-    assert not any(r.successful for r in answer.results) and service.asked == 0 and not judged
+    assert [r.reason for r in answer.results] == [SENTENCE] * 2
+    assert not any(r.successful for r in answer.results) and service.asked == 0 and not log
     free = Service(ChangeState)
-    guard(free, judged.append)
+    guard(free, log.append)
     free.callback(ChangeState.Request(), ChangeState.Response())
     assert free.asked == 1

@@ -28,10 +28,10 @@ def test_a_successor_finds_the_newest_record(path):
     left = HandoverFile(path)
     for tick in range(7):
         left.keep(tick, {"x": np.full(3, float(tick)), "way": [tick] * tick})
-    record = HandoverFile(path).recall()
-    assert record.tick == 6 and record.content["way"] == [6] * 6
-    record.content["x"][:] += 1.0  # its own, to be changed
-    assert (record.content["x"] == 7.0).all()
+    memory = HandoverFile(path).recall()
+    assert memory.tick == 6 and memory.content["way"] == [6] * 6
+    memory.content["x"][:] += 1.0  # its own, to be changed
+    assert (memory.content["x"] == 7.0).all()
 
 
 @pytest.mark.parametrize("cut", [0, 1, 24, 60, 200])
@@ -61,12 +61,12 @@ def test_it_outlives_a_process_that_is_killed(path):
         left = HandoverFile(path)
         for tick in range(10_000_000):
             left.keep(tick, (tick, np.full(100, tick)))
-    while not path.exists() or (record := HandoverFile(path).recall()) is None:
+    while not path.exists() or (memory := HandoverFile(path).recall()) is None:
         pass
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
-    record = HandoverFile(path).recall()
-    assert record.content[0] == record.tick and (record.content[1] == record.tick).all()
+    memory = HandoverFile(path).recall()
+    assert memory.content[0] == memory.tick and (memory.content[1] == memory.tick).all()
 
 
 def test_what_took_long_is_kept_beside_the_records(path):

@@ -55,6 +55,13 @@ wrong = ["--ros-args", "-p", "peer_timeout_s:=x"]
 sys.exit(run(Short, wrong if "nonsense" in sys.argv else []))
 """
 
+ENDS = {
+    "finish": (0, []),
+    "fail": (1, ["short: failed in flight: RuntimeError: divided by nought"]),
+    "refuse": (2, ["short: the box is empty"]),
+}
+"""How it ends: exit code and complaints."""
+
 
 @pytest.fixture
 def start(own_domain):
@@ -102,7 +109,7 @@ def test_one_whose_work_came_to_a_bad_end_ends_with_1(start):
 @pytest.mark.parametrize("how", ["prompt", "patient"])
 def test_one_that_fails_in_flight_ends_with_1_and_one_line(start, how):
     code, out, complaints = ended(start("fail", how))
-    assert (code, complaints) == (1, ["short: failed in flight: RuntimeError: divided by nought"])
+    assert (code, complaints) == ENDS["fail"]
     assert out.endswith("torn down\n")
 
 
@@ -123,21 +130,14 @@ def test_one_that_is_asked_to_end_ends_with_0(start, number):
 
 def test_one_that_cannot_start_ends_with_2_and_one_line(start):
     code, _, complaints = ended(start("refuse"))
-    assert (code, complaints) == (2, ["short: the box is empty"])
+    assert (code, complaints) == ENDS["refuse"]
     code, _, complaints = ended(start("nonsense"))
     assert code == 2 and len(complaints) == 1 and "peer_timeout_s" in complaints[0]
 
 
-@pytest.mark.parametrize(
-    ("how", "code", "complaint"),
-    [
-        ("finish", 0, ""),
-        ("fail", 1, "short: failed in flight: RuntimeError: divided by nought"),
-        ("refuse", 2, "short: the box is empty"),
-    ],
-)
-def test_of_several_in_a_process_the_one_that_ends_is_named(start, how, code, complaint):
+@pytest.mark.parametrize("how", ENDS)
+def test_of_several_in_a_process_the_one_that_ends_is_named(start, how):
     """And all of them are torn down."""
-    got, out, complaints = ended(start(how, "together"))
-    assert (got, complaints) == (code, [complaint] * bool(complaint))
+    code, out, complaints = ended(start(how, "together"))
+    assert (code, complaints) == ENDS[how]
     assert out.count("torn down\n") == (1 if how == "refuse" else 2)

@@ -5,12 +5,20 @@ import threading
 
 import pytest
 import rclpy
+from rclpy.executors import ExternalShutdownException
 
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import NodeState
-from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, wait_for_peers
+from heli_msgs_bridge.lifecycle_node import (
+    AbsentPeersError,
+    ManagedNode,
+    NodeSpec,
+    wait_for_peers,
+    waiting_for,
+)
 
 LIMIT_S = 0.1
+GIVEN_UP = "nobody listens to 'imu/data_raw' after {:.3g} s: missing observer"
 
 
 class Sender(ManagedNode):
@@ -20,7 +28,7 @@ class Sender(ManagedNode):
     links = ()
 
     def __init__(self, values, **options):
-        self.reported, self.heard_early = threading.Semaphore(0), []
+        self.waiting_reports, self.heard_early = threading.Semaphore(0), []
         super().__init__(values, **options)
 
     def configure(self):
@@ -34,7 +42,7 @@ class Sender(ManagedNode):
     def report(self, level, message, facts=None, state=NodeState.RUNNING):
         super().report(level, message, facts, state)
         if state == NodeState.WAITING:
-            self.reported.release()
+            self.waiting_reports.release()
 
 
 @pytest.fixture
@@ -67,20 +75,20 @@ def hear(node, topic):
     node.create_subscription(kind, topic, print, topics.qos(topic))
 
 
-def reported(sender, times):
+def await_reports(sender, times):
     """Wait until the sender has said so many times more that it waits."""
-    assert all(sender.reported.acquire(timeout=120) for _ in range(times))
+    assert all(sender.waiting_reports.acquire(timeout=120) for _ in range(times))
 
 
 def waits(sender):
-    """Wait in a thread; returns what tells whether it failed, and why."""
+    """Wait in a thread; returns what tells with which error it failed, if it did."""
     failure = []
 
     def wait():
         try:
             wait_for_peers(sender)
         except Exception as error:
-            failure.append(str(error) or type(error).__name__)
+            failure.append(error)
 
     thread = threading.Thread(target=wait)
     thread.start()
@@ -88,7 +96,7 @@ def waits(sender):
     def ended():
         thread.join(120.0)
         assert not thread.is_alive()
-        return failure[0] if failure else ""
+        return failure[0] if failure else None
 
     return ended
 
@@ -97,17 +105,19 @@ def test_one_that_compiles_is_waited_for_beyond_the_limit(sender, peer):
     observer = peer("observer")
     ended = waits(sender)
     # It says so ten times a second: this is five times the limit.
-    reported(sender, 5)
+    await_reports(sender, 5)
     hear(observer, topics.IMU)
-    assert ended() == ""
-    assert sender.health.message == "waiting for observer to get ready"
+    assert ended() is None
+    assert sender.health.state == NodeState.WAITING
+    assert sender.health.message == waiting_for({"observer"})
 
 
 def test_one_that_is_not_there_is_given_up(sender, peer):
     peer("observer", "/another")
-    sentence = waits(sender)()
-    assert sentence.startswith("nobody listens to 'imu/data_raw' after ")
-    assert sentence.endswith(": missing observer")
+    error = waits(sender)()
+    assert isinstance(error, AbsentPeersError)
+    assert (error.topic, error.peers) == (topics.IMU, {"observer"})
+    assert error.waited_s >= LIMIT_S and str(error) == GIVEN_UP.format(error.waited_s)
 
 
 @pytest.mark.slow
@@ -118,10 +128,10 @@ def test_one_that_ends_while_it_compiles_is_given_up(sender, peer, ros_context):
     # Long enough for another participant to be discovered.
     sender.values["connect_timeout_s"] = 3.0
     ended = waits(sender)
-    reported(sender, 1)
+    await_reports(sender, 1)
     observer.destroy_node()
     rclpy.shutdown(context=context)
-    assert "missing observer" in ended()
+    assert ended().peers == {"observer"}
 
 
 def test_another_name_is_known_by_what_it_sends(sender, peer):
@@ -130,7 +140,7 @@ def test_another_name_is_known_by_what_it_sends(sender, peer):
     kind = topics.message_class(topics.BY_NAME[topics.ODOM].type)
     nav.create_publisher(kind, topics.ODOM, topics.qos(topics.ODOM))
     hear(nav, topics.IMU)
-    assert ended() == ""
+    assert ended() is None
 
 
 def test_links_between_others_are_waited_for(sender, peer):
@@ -139,18 +149,18 @@ def test_links_between_others_are_waited_for(sender, peer):
     hear(peer("observer"), topics.IMU)
     inner = peer("inner_loop")
     ended = waits(sender)
-    reported(sender, 3)
+    await_reports(sender, 3)
     hear(inner, topics.ODOM)
-    assert ended() == ""
-    assert sender.health.message == "waiting for inner_loop to get ready"
+    assert ended() is None
+    assert sender.health.message == waiting_for({"inner_loop"})
 
 
 def test_one_that_is_asked_to_end_ceases_to_wait(sender, peer, ros_context):
     peer("observer")
     ended = waits(sender)
-    reported(sender, 1)
+    await_reports(sender, 1)
     ros_context.try_shutdown()
-    assert ended() == "ExternalShutdownException"
+    assert isinstance(ended(), ExternalShutdownException)
 
 
 def test_who_is_not_configured_does_not_listen(sender):

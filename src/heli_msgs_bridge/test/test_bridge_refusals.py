@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every message that cannot be used is refused by a sentence that names topic and reason."""
+"""Every message that cannot be used is refused by topic, cause and what is wrong in it."""
 
 import math
 import random
@@ -19,8 +19,9 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import decode_reference, encode_reference
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.layouts import CHANNELS, CutOffError, FrameError, MessageError
+from heli_msgs_bridge.layouts import CHANNELS, CutOffError, FrameError, MessageCause, MessageError
 from heli_msgs_bridge.messages import Decoder, Encoder
+from heli_msgs_bridge.services import MOST_BYTES, too_long
 
 ORIGIN = datum(28.17, 112.93, 50.0)
 STAMP_NS = 3_000_000_005
@@ -47,15 +48,16 @@ def good_message(topic):
     return deserialize_message(raw, kind)
 
 
-def refused(topic, raw, words, kind=MessageError):
-    """One line, with the topic's name and these words; the decoder goes on with the next."""
+def refused(topic, raw, cause, value=None, kind=MessageError):
+    """With topic, cause and value, in one line; the decoder goes on with the next."""
     decoder = Decoder(topic, place(topic))
     if not isinstance(raw, bytes):
         raw = serialize_message(raw)
     with pytest.raises(kind) as caught:
         decoder.decode(raw)
-    sentence = str(caught.value)
-    assert sentence.startswith(f"{topic}: ") and words in sentence and "\n" not in sentence
+    error, sentence = caught.value, str(caught.value)
+    assert (error.topic, error.cause, error.value) == (topic, cause, value)
+    assert sentence.startswith(f"{topic}: ") and "\n" not in sentence
     if kind is not CutOffError:
         assert decoder.stamp_ns == STAMP_NS
     again = Encoder(topic, (), place(topic)).encode(good_row(topic), STAMP_NS + 1)
@@ -67,14 +69,14 @@ def refused(topic, raw, words, kind=MessageError):
 @pytest.mark.parametrize("size", [0, 3, 11])
 def test_cut_off_before_the_end_of_the_stamp(topic, size):
     raw = serialize_message(good_message(topic))[:size]
-    refused(topic, raw, f"a message of {size} bytes is cut off", CutOffError)
+    refused(topic, raw, MessageCause.CUT_OFF, size, CutOffError)
 
 
 @pytest.mark.parametrize("topic", STREAMS)
 @pytest.mark.parametrize("lost", [1, 9, 20])
 def test_cut_off_behind_the_stamp(topic, lost):
     raw = Encoder(topic, (), place(topic)).encode(good_row(topic), STAMP_NS)
-    refused(topic, raw[:-lost], "cannot be deserialised")
+    refused(topic, raw[:-lost], MessageCause.UNREADABLE)
 
 
 @pytest.mark.parametrize("topic", STREAMS)
@@ -82,45 +84,52 @@ def test_cut_off_behind_the_stamp(topic, lost):
 def test_a_frame_that_says_ned_or_frd(topic, frame):
     message = good_message(topic)
     message.header.frame_id = frame
-    refused(topic, message, f"frame '{frame}' says NED or FRD; expected ENU and FLU (REP-103)")
+    refused(topic, message, MessageCause.FRAME, frame, FrameError)
 
 
 def test_a_child_frame_that_says_frd():
     message = good_message(topics.ODOM)
     message.child_frame_id = "base_link_frd"
-    refused(topics.ODOM, message, "frame 'base_link_frd' says NED or FRD")
+    refused(topics.ODOM, message, MessageCause.FRAME, "base_link_frd", FrameError)
 
 
 @pytest.mark.parametrize("topic", STREAMS)
 @pytest.mark.parametrize("namespace", ["", "/heli2"])
 def test_a_node_takes_the_frames_of_its_own_aircraft_alone(topic, namespace):
     """Another aircraft's, another sensor's, none: refused by name, and the next one is taken."""
-    of_its_own = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
+    raw = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
     decoder = Decoder(topic, place(topic), namespace=namespace)
-    allowed = decoder.decode(of_its_own).copy()
+    allowed = decoder.decode(raw).copy()
     kind = topics.message_class(topics.BY_NAME[topic].type)
-    frame = deserialize_message(of_its_own, kind).header.frame_id
+    frame = deserialize_message(raw, kind).header.frame_id
     for other in ("heli3/imu_link", "camera", "", "\x1b[2J" + "x" * 10_000):
-        message = deserialize_message(of_its_own, kind)
+        message = deserialize_message(raw, kind)
         message.header.frame_id = other
-        with pytest.raises(FrameError, match=f"; allowed: '{frame}'$") as caught:
+        with pytest.raises(FrameError) as caught:
             decoder.decode(serialize_message(message))
+        assert (caught.value.value, caught.value.allowed) == (other, f"'{frame}'")
         assert len(str(caught.value)) < 150 and str(caught.value).isprintable()
-        assert decoder.decode(of_its_own).tolist() == allowed.tolist()
+        assert decoder.decode(raw).tolist() == allowed.tolist()
 
 
 def test_a_node_takes_the_child_frame_of_its_own_aircraft_alone():
     message = good_message(topics.ODOM)
     message.child_frame_id = "heli2/base_link"
-    with pytest.raises(FrameError, match="odom: frame 'heli2/base_link'; allowed: 'base_link'"):
+    with pytest.raises(FrameError) as caught:
         Decoder(topics.ODOM, namespace="/").decode(serialize_message(message))
+    error = caught.value
+    assert (error.topic, error.value, error.allowed) == (
+        topics.ODOM,
+        "heli2/base_link",
+        "'base_link'",
+    )
 
 
 @pytest.mark.parametrize("topic", JOINTS)
 def test_so_many_joints_are_not_looked_through(topic):
     message = good_message(topic)
     message.name, message.position = ["x"] * 1000, [0.0] * 1000
-    refused(topic, message, "names 1000 joints; allowed: at most 64")
+    refused(topic, message, MessageCause.TOO_LONG, 1000)
 
 
 @pytest.mark.parametrize("topic", JOINTS)
@@ -130,21 +139,36 @@ def test_a_long_message_is_not_even_deserialised(topic):
     message.name, message.position = ["x"] * 100_000, [0.0] * 100_000
     raw, asked = serialize_message(message), []
     decoder = Decoder(topic, deserialize=asked.append)
-    with pytest.raises(MessageError, match=f"a message of {len(raw)} bytes; allowed: at most"):
+    with pytest.raises(MessageError) as caught:
         decoder.decode(raw)
+    assert (caught.value.cause, caught.value.value) == (MessageCause.TOO_LONG, len(raw))
+    assert str(caught.value) == too_long(topic, len(raw), MOST_BYTES)
     assert not asked and decoder.stamp_ns == stamp_of(raw)
 
 
-def test_a_way_for_another_aircraft_is_refused():
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        (["heli2/base_link"], "for 'heli2/base_link'; allowed: 'base_link', or no name"),
+        (["a", "b"], "for 'a', 'b'; allowed: 'base_link', or no name"),
+    ],
+)
+def test_a_way_for_another_aircraft_is_refused(names, sentence):
     message = reference(point(0))
-    for names, quoted in ((["heli2/base_link"], "'heli2/base_link'"), (["a", "b"], "'a', 'b'")):
-        message.joint_names = names
-        decode_reference(message)
-        with pytest.raises(MessageError, match=f"for {quoted}; allowed: 'base_link', or no name"):
-            decode_reference(message, "/")
-    message.joint_names, message.header.frame_id = [], "odom"
-    with pytest.raises(MessageError, match="reference: frame 'odom'; allowed: 'map'"):
+    message.joint_names = names
+    decode_reference(message)
+    with pytest.raises(MessageError) as caught:
         decode_reference(message, "/")
+    assert (caught.value.cause, caught.value.value) == (MessageCause.AIRCRAFT, names)
+    assert str(caught.value) == f"reference: {sentence}"
+
+
+def test_a_way_in_another_frame_is_refused():
+    message = reference(point(0), frame="odom")
+    with pytest.raises(FrameError) as caught:
+        decode_reference(message, "/")
+    error = caught.value
+    assert (error.topic, error.value, error.allowed) == (topics.REFERENCE, "odom", "'map'")
 
 
 @pytest.mark.parametrize("topic", STREAMS)
@@ -163,7 +187,7 @@ def test_a_value_that_is_not_finite(topic, bad, usual):
         message = deserialize_message(changed, kind)
         if not usual:
             message.header.frame_id = "elsewhere"
-        refused(topic, changed if usual else message, "not finite")
+        refused(topic, changed if usual else message, MessageCause.NOT_FINITE)
 
 
 @pytest.mark.parametrize("topic", ATTITUDES)
@@ -172,7 +196,7 @@ def test_a_quaternion_that_is_not_of_unit_length(topic, scale):
     message = good_message(topic)
     at = message.quaternion if topic == topics.ATTITUDE_SETPOINT else message.pose.pose.orientation
     at.x, at.y, at.z, at.w = 0.6 * scale, 0.0, 0.8 * scale, 0.0
-    refused(topic, message, "quaternion that is not of unit length")
+    refused(topic, message, MessageCause.QUATERNION)
 
 
 @pytest.mark.parametrize("value", [1.0000001, -1.0000001, 1e300])
@@ -181,7 +205,7 @@ def test_a_command_beyond_its_stops(topic, value):
     for number in range(CHANNELS[topic].size):
         message = good_message(topic)
         message.position[number] = value
-        refused(topic, message, "outside of its range")
+        refused(topic, message, MessageCause.OUT_OF_RANGE)
 
 
 @pytest.mark.parametrize("topic", [topics.ACTUATORS, topics.COLLECTIVE])
@@ -202,7 +226,7 @@ def test_a_command_up_to_its_stops_is_taken(topic, data):
 def test_a_place_that_is_not_on_the_earth(latitude, longitude):
     message = good_message(topics.GPS_FIX)
     message.latitude, message.longitude = float(latitude), float(longitude)
-    refused(topics.GPS_FIX, message, "outside of its range")
+    refused(topics.GPS_FIX, message, MessageCause.OUT_OF_RANGE)
 
 
 @pytest.mark.parametrize("topic", STREAMS)
@@ -220,7 +244,7 @@ def test_a_receiver_without_a_fix(status, usual):
     message = good_message(topics.GPS_FIX)
     message.status.status = status
     message.header.frame_id = "gps_link" if usual else "antenna"
-    refused(topics.GPS_FIX, message, "there is no fix")
+    refused(topics.GPS_FIX, message, MessageCause.NO_FIX)
 
 
 @pytest.mark.parametrize("status", [0, 1, 2])
@@ -236,10 +260,9 @@ def test_a_joint_that_is_missing(topic):
     for gone in names:
         message = good_message(topic)
         message.name = [name if name != gone else "rudder" for name in names]
-        got = ", ".join(message.name)
-        refused(topic, message, f"no joint '{gone}'; the message names {got}")
+        refused(topic, message, MessageCause.MISSING_JOINT, gone)
     nothing = JointState(header=good_message(topic).header)
-    refused(topic, nothing, f"no joint '{names[0]}'; the message names none")
+    refused(topic, nothing, MessageCause.MISSING_JOINT, names[0])
 
 
 @pytest.mark.parametrize("topic", JOINTS)
@@ -247,11 +270,9 @@ def test_a_joint_that_is_missing(topic):
 def test_more_names_than_positions_or_fewer(topic, change):
     message = good_message(topic)
     count = len(message.name)
-    field, plural = ("position", "positions")
-    if topic == topics.ROTOR_SPEED:
-        field, plural = ("velocity", "velocities")
+    field = "velocity" if topic == topics.ROTOR_SPEED else "position"
     setattr(message, field, [0.0] * (count + change))
-    refused(topic, message, f"{count} names but {count + change} {plural}")
+    refused(topic, message, MessageCause.LENGTH, (count, count + change))
 
 
 @pytest.mark.parametrize("topic", STREAMS)
@@ -287,7 +308,7 @@ def test_fix_that_was_never_set_is_none():
     """The message as a driver creates it: its status is `unknown`."""
     fresh = NavSatFix()
     fresh.header.stamp = Time(sec=3, nanosec=5)
-    refused(topics.GPS_FIX, fresh, "there is no fix")
+    refused(topics.GPS_FIX, fresh, MessageCause.NO_FIX)
 
 
 # --- the reference, a message object -----------------------------------------------------------
@@ -345,40 +366,117 @@ def fast(value):
 
 
 REFERENCES = {
-    "frame": (reference(point(0), frame="map_ned"), "frame 'map_ned' says NED"),
-    "empty": (reference(), "holds no points"),
-    "same time": (reference(point(1), point(1)), "time of point 1 does not increase"),
-    "back in time": (reference(point(2), point(1)), "time of point 1 does not increase"),
-    "no pose": (reference(point(0, transforms=[])), "point 0 has 0 transforms and 1 velocities"),
+    "frame": (
+        reference(point(0), frame="map_ned"),
+        MessageCause.FRAME,
+        "map_ned",
+        "frame 'map_ned' says NED",
+    ),
+    "empty": (reference(), MessageCause.NO_POINTS, None, "holds no points"),
+    "same time": (
+        reference(point(1), point(1)),
+        MessageCause.TRAJECTORY,
+        None,
+        "time of point 1 does not increase",
+    ),
+    "back in time": (
+        reference(point(2), point(1)),
+        MessageCause.TRAJECTORY,
+        None,
+        "time of point 1 does not increase",
+    ),
+    "no pose": (
+        reference(point(0, transforms=[])),
+        MessageCause.LENGTH,
+        (0, 0, 1),
+        "point 0 has 0 transforms and 1 velocities",
+    ),
     "two poses": (
         reference(point(0), point(1, transforms=poses() * 2)),
+        MessageCause.LENGTH,
+        (1, 2, 1),
         "point 1 has 2 transforms and 1 velocities",
     ),
     "two velocities": (
         reference(point(0, velocities=[Twist(), Twist()])),
+        MessageCause.LENGTH,
+        (0, 1, 2),
         "point 0 has 1 transforms and 2 velocities",
     ),
     "quaternion": (
         reference(point(0, transforms=poses(rotation_w=0.9))),
+        MessageCause.QUATERNION,
+        0,
         "point 0: not a unit quaternion",
     ),
     "nan quaternion": (
         reference(point(0, transforms=poses(rotation_x=math.nan))),
+        MessageCause.QUATERNION,
+        0,
         "point 0: not a unit quaternion",
     ),
     "position": (
         reference(point(0), point(1, transforms=poses(translation_z=math.inf))),
+        MessageCause.NOT_FINITE,
+        None,
         "point 1 is not finite",
     ),
-    "velocity": (reference(point(0, velocities=fast(math.nan))), "point 0 is not finite"),
+    "velocity": (
+        reference(point(0, velocities=fast(math.nan))),
+        MessageCause.NOT_FINITE,
+        None,
+        "point 0 is not finite",
+    ),
 }
 
 
-@pytest.mark.parametrize(("message", "words"), REFERENCES.values(), ids=REFERENCES)
-def test_a_reference_that_cannot_be_followed(message, words):
+@pytest.mark.parametrize(
+    ("message", "cause", "value", "words"), REFERENCES.values(), ids=REFERENCES
+)
+def test_a_reference_that_cannot_be_followed(message, cause, value, words):
     with pytest.raises(MessageError) as caught:
         decode_reference(message)
-    assert str(caught.value).startswith("reference: ") and words in str(caught.value)
+    error = caught.value
+    assert (error.topic, error.cause, error.value) == (topics.REFERENCE, cause, value)
+    assert str(error).startswith("reference: ") and words in str(error)
+
+
+# --- the wording -------------------------------------------------------------------------------
+
+
+def with_joints(count, positions):
+    message = good_message(topics.COLLECTIVE)
+    message.name, message.position = ["x"] * count, [0.0] * positions
+    return message
+
+
+def with_frame(frame):
+    message = good_message(topics.IMU)
+    message.header.frame_id = frame
+    return message
+
+
+SENTENCES = [
+    (topics.IMU, bytes(11), "imu/data_raw: a message of 11 bytes is cut off"),
+    (topics.IMU, with_frame("x_ned"), "imu/data_raw: frame 'x_ned' says NED or FRD; "
+     "expected ENU and FLU (REP-103)"),
+    (topics.IMU, with_frame("x"), "imu/data_raw: frame 'x'; allowed: 'imu_link'"),
+    (topics.COLLECTIVE, with_joints(1000, 1000),
+     "collective: names 1000 joints; allowed: at most 64"),
+    (topics.COLLECTIVE, with_joints(2, 1), "collective: 2 names but 1 positions"),
+    (topics.COLLECTIVE, with_joints(2, 2),
+     "collective: no joint 'collective'; the message names x, x"),
+    (topics.COLLECTIVE, with_joints(0, 0),
+     "collective: no joint 'collective'; the message names none"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("topic", "message", "sentence"), SENTENCES)
+def test_the_sentence_of_a_refusal(topic, message, sentence):
+    raw = message if isinstance(message, bytes) else serialize_message(message)
+    with pytest.raises(MessageError) as caught:
+        Decoder(topic, namespace="").decode(raw)
+    assert str(caught.value) == sentence
 
 
 def test_a_reference_without_velocities_stands_still():

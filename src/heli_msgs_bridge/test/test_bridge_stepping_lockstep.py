@@ -52,7 +52,7 @@ class LockstepMachine(RuleBasedStateMachine):
         self.refused, self.expected_refused = [], []
         self.serial, self.begun, self.collecting, self.stepping = 0, [], True, False
         self.expected = []
-        self.expected_told = 0
+        self.expected_silences = 0
         self.forget()
 
     def hear_of_silence(self):
@@ -212,7 +212,7 @@ class LockstepMachine(RuleBasedStateMachine):
         stands = "odom" in lacks and not self.leads
         if lacks and not stands and self.time_s - self.since_s >= TIMEOUT_S:
             self.silent |= lacks
-            self.expected_told += 1
+            self.expected_silences += 1
             if "odom" in lacks:
                 self.step()
             self.make_what_can_be_made()
@@ -231,7 +231,7 @@ class LockstepMachine(RuleBasedStateMachine):
         assert self.made == self.expected
         assert self.refused == self.expected_refused
         assert self.real.silent == self.silent
-        assert self.silences == self.expected_told
+        assert self.silences == self.expected_silences
 
 
 class LeaderMachine(LockstepMachine):

@@ -31,11 +31,11 @@ class RealTimeMachine(RuleBasedStateMachine):
     @initialize()
     def build(self):
         self.made, self.refused, self.expected_refused = [], [], 0
-        self.time_s, self.own_tick = 0.0, 0
+        self.time_s, self.clock_tick = 0.0, 0
         self.real = RealTime(
             self.trigger,
             lambda tick, arrived: self.made.append((tick, dict(arrived))),
-            None if self.trigger else lambda: self.own_tick,
+            None if self.trigger else lambda: self.clock_tick,
             now_s=lambda: self.time_s,
             refused=lambda *odd: self.refused.append(odd),
         )
@@ -49,7 +49,7 @@ class RealTimeMachine(RuleBasedStateMachine):
 
     def clock(self):
         if not self.trigger:
-            return self.own_tick
+            return self.clock_tick
         if self.anchor is None:
             return None
         tick, at_s = self.anchor
@@ -65,12 +65,12 @@ class RealTimeMachine(RuleBasedStateMachine):
 
     def hand_out(self):
         """The newest of each topic, if nobody has had it."""
-        arrived = {}
+        newest = {}
         for entry in self.history:
             if entry[0] == self.newest(entry[1]) and not entry[4]:
-                arrived[entry[1]] = (entry[2], entry[3])
+                newest[entry[1]] = (entry[2], entry[3])
             entry[4] = True
-        return arrived
+        return newest
 
     def admitted(self, name, tick):
         now, newest = self.clock(), self.newest(name)
@@ -123,7 +123,7 @@ class RealTimeMachine(RuleBasedStateMachine):
     @rule(ticks=st.integers(1, 30))
     def time_passes(self, ticks):
         self.time_s += ticks / 100 + 0.001
-        self.own_tick += ticks
+        self.clock_tick += ticks
 
     @rule()
     def collect(self):

@@ -19,7 +19,7 @@ from heli_msgs_bridge.command_messages import (
     decode_velocity,
     encode_joy,
 )
-from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.layouts import MessageCause, MessageError
 from heli_msgs_bridge.messages import Encoder
 
 
@@ -34,9 +34,9 @@ def twist(linear=(0.0, 0.0, 0.0), angular=(0.0, 0.0, 0.0), frame="map"):
 
 
 def test_east_north_up_becomes_north_east_down_and_a_turn_to_the_left_is_negative():
-    decoded = decode_velocity(twist((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)), 1.234)
-    assert decoded.vel_ned_mps.tolist() == [2.0, 1.0, -3.0]
-    assert (decoded.yaw_rate_radps, decoded.stamp_ns) == (-0.5, 7 * NS_PER_S + 5)
+    command = decode_velocity(twist((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)), 1.234)
+    assert command.vel_ned_mps.tolist() == [2.0, 1.0, -3.0]
+    assert (command.yaw_rate_radps, command.stamp_ns) == (-0.5, 7 * NS_PER_S + 5)
 
 
 @pytest.mark.parametrize(
@@ -49,35 +49,52 @@ def test_east_north_up_becomes_north_east_down_and_a_turn_to_the_left_is_negativ
     ],
 )
 def test_forward_is_where_the_nose_points(psi_deg, linear, expected):
-    decoded = decode_velocity(twist(linear, frame="base_link"), math.radians(psi_deg))
-    assert decoded.vel_ned_mps == pytest.approx(expected, abs=1e-15)
+    command = decode_velocity(twist(linear, frame="base_link"), math.radians(psi_deg))
+    assert command.vel_ned_mps == pytest.approx(expected, abs=1e-15)
 
 
 def test_the_heading_frame_is_the_map_turned():
     """Second method: the rotation matrix of the heading on the reversed axes."""
-    psi, velocity = 0.7, np.array([1.1, -0.4, 0.3])
+    psi, linear = 0.7, np.array([1.1, -0.4, 0.3])
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
-    decoded = decode_velocity(twist(velocity.tolist(), frame="heli2/base_link"), psi, "/heli2")
-    assert decoded.vel_ned_mps[:2] == pytest.approx(turn @ [velocity[0], -velocity[1]], abs=1e-15)
-    assert decoded.vel_ned_mps[2] == -velocity[2]
+    command = decode_velocity(twist(linear.tolist(), frame="heli2/base_link"), psi, "/heli2")
+    assert command.vel_ned_mps[:2] == pytest.approx(turn @ [linear[0], -linear[1]], abs=1e-15)
+    assert command.vel_ned_mps[2] == -linear[2]
 
 
 @pytest.mark.parametrize(
-    ("message", "reason"),
+    ("message", "cause", "words"),
     [
-        (twist(frame="odom"), "frame 'odom'; allowed: 'map' (east, north, up), 'base_link' ("),
-        (twist(frame=""), "frame ''; allowed: 'map'"),
-        (twist(frame="heli2/base_link"), "frame 'heli2/base_link'; allowed: "),
-        (twist((math.nan, 0.0, 0.0)), "linear [nan, 0.0, 0.0], angular [0.0, 0.0, 0.0]; allowed: "),
-        (twist(angular=(0.0, 0.0, math.inf)), "angular [0.0, 0.0, inf]; allowed: finite numbers"),
-        (twist(angular=(0.0, 0.1, 0.0)), "angular [0.0, 0.1, 0.0]; allowed: x and y are 0"),
+        (
+            twist(frame="odom"),
+            MessageCause.FRAME,
+            "frame 'odom'; allowed: 'map' (east, north, up), 'base_link' (",
+        ),
+        (twist(frame=""), MessageCause.FRAME, "frame ''; allowed: 'map'"),
+        (twist(frame="heli2/base_link"), MessageCause.FRAME, "frame 'heli2/base_link'; allowed: "),
+        (
+            twist((math.nan, 0.0, 0.0)),
+            MessageCause.NOT_FINITE,
+            "linear [nan, 0.0, 0.0], angular [0.0, 0.0, 0.0]; allowed: ",
+        ),
+        (
+            twist(angular=(0.0, 0.0, math.inf)),
+            MessageCause.NOT_FINITE,
+            "angular [0.0, 0.0, inf]; allowed: finite numbers",
+        ),
+        (
+            twist(angular=(0.0, 0.1, 0.0)),
+            MessageCause.AXIS,
+            "angular [0.0, 0.1, 0.0]; allowed: x and y are 0",
+        ),
     ],
 )
-def test_another_command_is_refused(message, reason):
+def test_another_command_is_refused(message, cause, words):
     with pytest.raises(MessageError) as refused:
         decode_velocity(message, 0.0)
-    assert str(refused.value).startswith("command_velocity: ")
-    assert reason in str(refused.value)
+    error = refused.value
+    assert (error.topic, error.cause) == ("command_velocity", cause)
+    assert str(error).startswith("command_velocity: ") and words in str(error)
 
 
 def attitude(x=0.0, y=0.0, z=0.0, w=1.0, frame="map"):
@@ -122,10 +139,10 @@ FORWARD, LEFT, UP = (1, 0, 0), (0, 1, 0), (0, 0, 1)
     ],
 )
 def test_an_attitude_by_its_cardinal_cases(xyzw, expected_deg):
-    decoded = decode_attitude(attitude(*xyzw))
-    off = np.degrees(decoded.attitude_rad) - expected_deg
+    command = decode_attitude(attitude(*xyzw))
+    off = np.degrees(command.attitude_rad) - expected_deg
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(np.zeros(3), abs=1e-9)
-    assert decoded.stamp_ns == 7 * NS_PER_S
+    assert command.stamp_ns == 7 * NS_PER_S
 
 
 def test_an_attitude_is_read_as_attitude_setpoint_is_written():
@@ -140,45 +157,72 @@ def test_an_attitude_is_read_as_attitude_setpoint_is_written():
 
 
 @pytest.mark.parametrize(
-    ("message", "reason"),
+    ("message", "cause", "words"),
     [
-        (attitude(frame="base_link"), "frame 'base_link'; allowed: 'map' (east, north, up)"),
-        (attitude(frame=""), "frame ''; allowed: 'map'"),
-        (attitude(frame="map_ned"), "frame 'map_ned'; allowed: 'map'"),
-        (attitude(x=math.nan), "quaternion [nan, 0.0, 0.0, 1.0]; allowed: finite numbers"),
-        (attitude(w=0.0), "a quaternion of length 0; allowed: 1"),
-        (attitude(z=0.1), "a quaternion of length 1; allowed: 1"),
-        (attitude(w=1.1), "a quaternion of length 1.1; allowed: 1"),
+        (
+            attitude(frame="base_link"),
+            MessageCause.FRAME,
+            "frame 'base_link'; allowed: 'map' (east, north, up)",
+        ),
+        (attitude(frame=""), MessageCause.FRAME, "frame ''; allowed: 'map'"),
+        (attitude(frame="map_ned"), MessageCause.FRAME, "frame 'map_ned'; allowed: 'map'"),
+        (
+            attitude(x=math.nan),
+            MessageCause.NOT_FINITE,
+            "quaternion [nan, 0.0, 0.0, 1.0]; allowed: finite numbers",
+        ),
+        (attitude(w=0.0), MessageCause.QUATERNION, "a quaternion of length 0; allowed: 1"),
+        (attitude(z=0.1), MessageCause.QUATERNION, "a quaternion of length 1; allowed: 1"),
+        (attitude(w=1.1), MessageCause.QUATERNION, "a quaternion of length 1.1; allowed: 1"),
     ],
 )
-def test_another_attitude_is_refused(message, reason):
+def test_another_attitude_is_refused(message, cause, words):
     with pytest.raises(MessageError) as refused:
         decode_attitude(message)
-    assert str(refused.value).startswith("command_attitude: ") and reason in str(refused.value)
+    error = refused.value
+    assert (error.topic, error.cause) == ("command_attitude", cause)
+    assert str(error).startswith("command_attitude: ") and words in str(error)
 
 
 def test_a_climb_is_up_in_either_frame():
     for frame, namespace in (("map", ""), ("base_link", ""), ("heli2/base_link", "/heli2")):
-        decoded = decode_climb(twist((0.0, 0.0, -0.7), frame=frame), namespace)
-        assert decoded == (7 * NS_PER_S + 5, -0.7)
+        command = decode_climb(twist((0.0, 0.0, -0.7), frame=frame), namespace)
+        assert command == (7 * NS_PER_S + 5, -0.7)
 
 
 @pytest.mark.parametrize(
-    ("message", "reason"),
+    ("message", "cause", "words"),
     [
-        (twist(frame="odom"), "frame 'odom'; allowed: 'map', 'base_link' (level)"),
-        (twist((0.0, 0.0, math.inf)), "linear [0.0, 0.0, inf], angular [0.0, 0.0, 0.0]; allowed: "
-         "finite numbers"),
-        (twist((0.1, 0.0, 1.0)), "linear [0.1, 0.0, 1.0], angular [0.0, 0.0, 0.0]; allowed: linear "
-         "z alone, the others are 0"),
-        (twist((0.0, 0.1, 0.0)), "allowed: linear z alone"),
-        (twist(angular=(0.0, 0.0, 0.1)), "angular [0.0, 0.0, 0.1]; allowed: linear z alone"),
+        (
+            twist(frame="odom"),
+            MessageCause.FRAME,
+            "frame 'odom'; allowed: 'map', 'base_link' (level)",
+        ),
+        (
+            twist((0.0, 0.0, math.inf)),
+            MessageCause.NOT_FINITE,
+            "linear [0.0, 0.0, inf], angular [0.0, 0.0, 0.0]; allowed: finite numbers",
+        ),
+        (
+            twist((0.1, 0.0, 1.0)),
+            MessageCause.AXIS,
+            "linear [0.1, 0.0, 1.0], angular [0.0, 0.0, 0.0]; allowed: linear "
+            "z alone, the others are 0",
+        ),
+        (twist((0.0, 0.1, 0.0)), MessageCause.AXIS, "allowed: linear z alone"),
+        (
+            twist(angular=(0.0, 0.0, 0.1)),
+            MessageCause.AXIS,
+            "angular [0.0, 0.0, 0.1]; allowed: linear z alone",
+        ),
     ],
-)  # fmt: skip
-def test_another_climb_is_refused(message, reason):
+)
+def test_another_climb_is_refused(message, cause, words):
     with pytest.raises(MessageError) as refused:
         decode_climb(message)
-    assert str(refused.value).startswith("command_climb: ") and reason in str(refused.value)
+    error = refused.value
+    assert (error.topic, error.cause) == ("command_climb", cause)
+    assert str(error).startswith("command_climb: ") and words in str(error)
 
 
 def test_a_joystick_goes_there_and_back():

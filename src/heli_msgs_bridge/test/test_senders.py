@@ -17,6 +17,12 @@ from heli_msgs_bridge.sources import (
     successors_of,
 )
 
+SENTENCES = {
+    "used": "odom: sent by /pilot, /red/observer; only the first sender's messages are used",
+    "followed": "joy: sent by /one, /two; only /one is followed, which was heard first; "
+    "ignored so far: 3 messages; the sender that is used has changed: 2 times",
+    "unknown": "odom; ignored so far: 1 messages",
+}
 UNKNOWN = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"
 
 
@@ -47,9 +53,9 @@ class Graph:
 def test_senders_are_named_in_order():
     senders = senders_of(Graph(("/red", "observer"), ("/", "pilot")), "odom")
     assert senders == [("/", "pilot"), ("/red", "observer")]
-    assert several("odom", senders).sentence == (
-        "odom: sent by /pilot, /red/observer; only the first sender's messages are used"
-    )
+    both = several("odom", senders)
+    assert both == TopicSenders("odom", ("/pilot", "/red/observer"))
+    assert both.sentence == SENTENCES["used"]
 
 
 def test_fields_of_senders_come_back_and_make_the_sentence():
@@ -58,18 +64,16 @@ def test_fields_of_senders_come_back_and_make_the_sentence():
     facts = counted.facts()
     read = TopicSenders.read(facts[f"{SENDER_FIELDS}joy"])
     assert read == counted
-    assert replace(read, names=("/one", "/two")).sentence == (
-        "joy: sent by /one, /two; only /one is followed, which was heard first; ignored so far: 3 "
-        "messages; the sender that is used has changed: 2 times"
-    )
+    assert replace(read, names=("/one", "/two")).sentence == SENTENCES["followed"]
     unknown = TopicSenders("odom", ignored=1)
-    assert unknown.facts()[f"{SENDERS}odom"] == "odom; ignored so far: 1 messages"
+    assert unknown.facts()[f"{SENDERS}odom"] == SENTENCES["unknown"]
 
 
 def test_a_node_whose_name_has_not_come_is_no_name_of_the_middleware():
     """rmw's own words for it are no name that a user could look for."""
     (sender,) = senders_of(Graph(UNKNOWN), "odom")
-    assert full_name(sender) == NOT_YET_NAMED == "a node that is not named yet"
+    assert full_name(sender) == NOT_YET_NAMED
+    assert not any(word in full_name(sender) for word in UNKNOWN)
 
 
 def test_a_name_takes_the_place_of_not_yet_named_whenever_it_comes():
