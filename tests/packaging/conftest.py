@@ -118,8 +118,8 @@ class Checkout:
     @staticmethod
     def one_line_error(result, *words: str) -> None:
         assert result.returncode == 2, result.stderr
-        told = ("Setting up ", "uv cannot do it ")
-        errors = [line for line in result.stderr.splitlines() if not line.startswith(told)]
+        progress = ("Setting up ", "uv cannot do it ")
+        errors = [line for line in result.stderr.splitlines() if not line.startswith(progress)]
         assert len(errors) == 1, result.stderr
         assert errors[0].startswith("error: ")
         for word in words:

@@ -75,8 +75,8 @@ def test_every_table_with_numbers_is_rendered(name):
 
 
 def test_what_has_no_file_is_said():
-    said = set(re.findall(r"`(\w+)`", NOT_MADE[0] if NOT_MADE else ""))
-    assert said == {producer.name for producer in PRODUCERS} - set(NAMES)
+    listed = set(re.findall(r"`(\w+)`", NOT_MADE[0] if NOT_MADE else ""))
+    assert listed == {producer.name for producer in PRODUCERS} - set(NAMES)
 
 
 def test_every_file_is_published():
@@ -127,22 +127,22 @@ def test_what_the_readmes_say_of_the_laws_is_so():
 def test_what_the_readmes_say_of_the_default_is_so():
     """Ahead of the PID in other worlds than its own on most flights, behind INDI and LQG, stable
     further out than LQG; what flew before it is the worst of eight there, but stable further."""
-    found = files.read(ROOT, "laws_everywhere")["found"]
-    assert found["default"] == "hinf_output"
-    other = [row for row in found["rows"] if row["place"].startswith(("honest", "hard"))]
+    laws = files.read(ROOT, "laws_everywhere")["found"]
+    assert laws["default"] == "hinf_output"
+    other = [row for row in laws["rows"] if row["place"].startswith(("honest", "hard"))]
     assert len({row["law"] for row in other}) == 8
     for place, axis in {(row["place"], row["axis"]) for row in other}:
         here = {r["law"]: r for r in other if (r["place"], r["axis"]) == (place, axis)}
         assert max(here, key=lambda law, here=here: here[law]["median_deg"]) == "hinf"
-        own = here["hinf_output"]
-        assert here["hinf"]["won_over_pid"] < 0.25 * own["flown"]
-        assert own["won_over_pid"] > 0.6 * own["flown"]
-        assert all(here[law]["median_deg"] < own["median_deg"] for law in ("indi", "lqg"))
+        packaged = here["hinf_output"]
+        assert here["hinf"]["won_over_pid"] < 0.25 * packaged["flown"]
+        assert packaged["won_over_pid"] > 0.6 * packaged["flown"]
+        assert all(here[law]["median_deg"] < packaged["median_deg"] for law in ("indi", "lqg"))
 
     robust = files.read(ROOT, "robust")["found"]
     sizes = {law["laws"]: law["at_most"] for law in robust["others"]}
-    own = [case["exact_onset"] for case in robust["packaged"]["cases"]]
-    for least, ours, most in zip(sizes["lqg"], own, sizes["hinf"], strict=True):
+    packaged = [case["exact_onset"] for case in robust["packaged"]["cases"]]
+    for least, ours, most in zip(sizes["lqg"], packaged, sizes["hinf"], strict=True):
         assert least < ours < most
 
 
@@ -228,9 +228,9 @@ def test_a_cell_changed_by_hand_is_found(copy):
 
 def test_a_table_without_its_file_says_how_to_make_it(copy):
     copy.write_text("a\n<!-- results: cpu_types -->\n1 2\n<!-- end -->\nb\n")
-    said = "Not measured yet: `./heli results make cpu_types` does it."
+    hint = "Not measured yet: `./heli results make cpu_types` does it."
     new = rendered(copy.read_text(), copy, copy.parent)
-    assert new == f"a\n<!-- results: cpu_types -->\n\n{said}\n\n<!-- end -->\nb\n"
+    assert new == f"a\n<!-- results: cpu_types -->\n\n{hint}\n\n<!-- end -->\nb\n"
     copy.write_text(new)
     assert says(copy)
 
@@ -286,10 +286,10 @@ class TestDifferences:
     def test_blas_for_another_processor_is_another_machine(self, monkeypatch):
         """OPENBLAS_CORETYPE chooses among sums of another order."""
         monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell")
-        told = {"processor": files.processor()}
+        machine = {"processor": files.processor()}
         monkeypatch.delenv("OPENBLAS_CORETYPE")
-        assert told != {"processor": files.processor()}
-        assert told["processor"]["blas"] == "Haswell"
+        assert machine != {"processor": files.processor()}
+        assert machine["processor"]["blas"] == "Haswell"
 
     def test_what_depends_on_the_load_is_not_held_to_bits(self):
         assert self.differing({}, s=4.0, n=105) == []

@@ -26,13 +26,13 @@ def test_wind_from_all_directions(params, speed, vertical):
     """Hover in 1 to 12 m/s from 12 directions, rising and sinking air; all derivatives; 1e-9."""
     for angle in np.radians(np.arange(0.0, 360.0, 30.0)):
         wind = [speed * np.cos(angle), speed * np.sin(angle), vertical]
-        found = trim(params, wind, psi=0.4)
-        x = found.x.copy()
+        point = trim(params, wind, psi=0.4)
+        x = point.x.copy()
         x[2] = -100.0
-        rates = state_derivative(x, found.u, wind, params)
+        rates = state_derivative(x, point.u, wind, params)
         assert np.abs(rates).max() <= 1e-9
-        assert found.residual <= 1e-9
-        assert euler_from_quat(found.x[6:10])[2] == pytest.approx(0.4)
+        assert point.residual <= 1e-9
+        assert euler_from_quat(point.x[6:10])[2] == pytest.approx(0.4)
 
 
 def test_trim_turns_with_wind_and_heading(params):

@@ -28,9 +28,9 @@ WHOLE = {**NUMBERS, "gps": slice(MEAS.gps_pos.start, MEAS.gps_vel.stop)}
 
 
 def text(what, kind, value="", until=True):
-    said = f"{{what: {what}, kind: {kind}, start_s: {BEGIN / 100}"
-    said += f", duration_s: {(END - BEGIN) / 100}" if until else ""
-    return said + (f", value: {value}}}" if value else "}")
+    mapping = f"{{what: {what}, kind: {kind}, start_s: {BEGIN / 100}"
+    mapping += f", duration_s: {(END - BEGIN) / 100}" if until else ""
+    return mapping + (f", value: {value}}}" if value else "}")
 
 
 @pytest.fixture(scope="module")
@@ -288,9 +288,9 @@ def test_a_fault_reads_back_as_it_was_written(fault):
 def test_what_has_no_beginning_begins_now_and_the_rest_stays_as_it_was_written():
     texts = ("{what: gps, kind: loss, start_s: 3}", "{what: baro, kind: zero}", NONE,
              "{kind: gust, start_s: now, what: wind, duration_s: 2, value: [1, 2, 3]}")  # fmt: skip
-    found = begun(texts, 7.25)
-    assert (found[0], found[2]) == (texts[0], NONE)
-    assert faults_of(found)[1:] == (
+    started = begun(texts, 7.25)
+    assert (started[0], started[2]) == (texts[0], NONE)
+    assert faults_of(started)[1:] == (
         Fault("baro", "zero", 7.25), Fault("wind", "gust", 7.25, 2.0, (1.0, 2.0, 3.0)),
     )  # fmt: skip
     for text in texts[1::2]:
