@@ -193,9 +193,11 @@ def test_a_command_says_again_what_its_file_says(producer):
 
 def test_the_command_checks_a_file(capsys):
     assert cli.main(["results", "check", "deviations"]) == 0
-    assert capsys.readouterr().out == "deviations: as published\n"
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("deviations: ")
     assert cli.main(["results", "check", "weather"]) == 2
-    assert "'weather' is none of actuator_faults, airspeed" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "'weather'" in error and all(producer.name in error for producer in PRODUCERS)
 
 
 @pytest.fixture
@@ -271,9 +273,10 @@ class TestDifferences:
 
     def test_the_same_machine_must_give_the_same_bits(self):
         assert self.differing({}) == []
-        assert self.differing({}, v=1.0 + 2e-16) == [
-            "rows[0].v: 1.0 in the file, 1.0000000000000002 anew"
-        ]
+        (line,) = self.differing({}, v=1.0 + 2e-16)
+        place, numbers = line.split(": ")
+        assert place == "rows[0].v"
+        assert re.findall(r"\d\.\d+", numbers) == ["1.0", "1.0000000000000002"]
 
     @pytest.mark.parametrize("machine", [{"processor": {"name": "y"}}, {"versions": {}}])
     def test_another_machine_has_its_tolerance(self, machine):
@@ -304,5 +307,7 @@ class TestMake:
         assert "write 1..20" in capfd.readouterr().err
 
     def test_output_that_is_no_json_is_named(self):
-        with pytest.raises(FlightError, match="printed no JSON"):
+        with pytest.raises(FlightError) as caught:
             files.make(ROOT, Producer("a", "./heli results list", "b"))
+        assert isinstance(caught.value.__context__, json.JSONDecodeError)
+        assert str(caught.value).startswith("a: ./heli results list: ")
