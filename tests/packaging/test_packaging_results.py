@@ -10,7 +10,7 @@ import pytest
 from evidence import files
 from evidence.markdown import markdown_files, rendered
 from evidence.registry import Producer, chosen, load
-from heli_core.errors import FlightError
+from heli_core.errors import FlightError, InfeasibleGammaError, UnstableLoopError
 from heli_flight.cli import app as cli
 
 ROOT = files.checkout()
@@ -157,6 +157,10 @@ def test_what_the_readmes_say_of_paths_is_so():
     assert sum(n for (_, world), n in inside.items() if world == "honest") < 0.5 * 60
 
 
+DEARER = "angles three times as dear", "commands four times as dear"
+"""Variants of the tutorial's weights."""
+
+
 def test_what_the_tutorial_says_of_gamma_and_the_weights_is_so():
     """Gamma alone hardly moves the errors; dear angles nearly halve them; dear commands double."""
     rows = {row["variant"]: row for row in files.read(ROOT, "gamma")["found"]["rows"]}
@@ -168,12 +172,15 @@ def test_what_the_tutorial_says_of_gamma_and_the_weights_is_so():
         errors = {name: row["errors_deg"] for name, row in rows.items() if not row["refused"]}
         before = errors["gamma 0.2"]["honest"][axis]
         assert abs(errors["gamma 0.056"]["honest"][axis] / before - 1.0) < 0.06
-        assert 0.5 < errors["angles three times as dear"]["honest"][axis] / before < 0.6
-        assert errors["commands four times as dear"]["honest"][axis] / before > 2.0
+        angles, commands = (errors[name]["honest"][axis] for name in DEARER)
+        assert 0.5 < angles / before < 0.6 and commands / before > 2.0
         spread = [row["paper"][axis] for row in errors.values()]
         assert max(spread) - min(spread) < 0.2
-    assert "stabilise the loop as flown" in rows["commands a quarter as dear"]["refused"]
-    assert "above gamma*" in rows["gamma 0.05"]["refused"]
+    refused = rows["commands a quarter as dear"]["refused"]
+    radius = float(refused.split("; ")[0].split()[-1])
+    assert radius > 1.0 and refused == str(UnstableLoopError("hinf", radius))
+    least = rows["gamma 0.2"]["gamma_star"]
+    assert 0.05 < least and rows["gamma 0.05"]["refused"] == str(InfeasibleGammaError(0.05, least))
 
 
 def test_what_the_first_page_says_of_the_whole_flight_is_so():

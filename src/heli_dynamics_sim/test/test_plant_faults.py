@@ -406,8 +406,8 @@ def test_a_refusal_says_what_is_allowed_and_what_was_meant():
     with pytest.raises(ParameterError) as caught:
         faults_of(["{what: gps, kind: los, start_s: 1.0}"])
     refusal = caught.value
-    assert (refusal.cause, refusal.where) == (Cause.CHOICE, "faults: entry 1: of gps")
-    assert (refusal.key, refusal.value) == ("kind", "los")
+    assert refusal.where.split(": ") == ["faults", "entry 1", "of gps"]
+    assert (refusal.cause, refusal.key, refusal.value) == (Cause.CHOICE, "kind", "los")
     assert refusal.allowed == f"one of {', '.join(PLACES['gps'].kinds)}"
     assert set(re.findall(r"\w+", refusal.problem)) & set(PLACES["gps"].kinds) == {"loss"}
     with pytest.raises(ParameterError) as caught:
@@ -424,7 +424,7 @@ def test_samples_too_old_to_be_remembered_are_refused(plant_config):
     plant_config(faults=(fault,), sensors__gps__period_ticks=longest)
     with pytest.raises(PlantConfigError) as caught:
         plant_config(faults=(fault,), sensors__gps__period_ticks=longest + 1)
-    assert str(caught.value).startswith("faults: entry 1: gps reorder: ")
+    assert str(caught.value).split(": ")[:3] == ["faults", "entry 1", "gps reorder"]
     assert f" {(longest + 1) / TICKS_PER_S:g} s " in str(caught.value)
 
 

@@ -184,8 +184,8 @@ def test_a_bad_entry_of_a_parameter_file_is_refused_before_anything_starts():
     with pytest.raises(ParameterError) as caught:
         resolve(overrides={"plant": {"faults": ("{what: gps, kind: los, start_s: 1.0}",)}})
     refusal = caught.value
-    assert (refusal.cause, refusal.where) == (Cause.CHOICE, "plant: faults: entry 1: of gps")
-    assert (refusal.key, refusal.value) == ("kind", "los")
+    assert refusal.where.split(": ") == ["plant", "faults", "entry 1", "of gps"]
+    assert (refusal.cause, refusal.key, refusal.value) == (Cause.CHOICE, "kind", "los")
 
 
 LOST = """\
