@@ -144,14 +144,14 @@ class Started:
 
     def files(self, folder):
         """The layers as files; inline ones are written into the folder."""
-        found = []
+        paths = []
         for number, layer in enumerate(self.layers):
             if isinstance(layer, dict):
                 path = folder / f"{self.name}_{number}.yaml"
                 path.write_text(yaml.safe_dump(layer))
                 layer = path
-            found.append(layer)
-        return found
+            paths.append(layer)
+        return paths
 
     def command(self, folder):
         """The command line that launch_ros runs."""
@@ -193,11 +193,11 @@ def stand_ins():
         "launch_ros": {},
         "launch_ros.actions": {"Node": Node},
     }
-    found = {}
+    modules = {}
     for name, content in contents.items():
-        found[name] = types.ModuleType(name)
-        vars(found[name]).update(content)
-    return found
+        modules[name] = types.ModuleType(name)
+        vars(modules[name]).update(content)
+    return modules
 
 
 @pytest.fixture
@@ -223,12 +223,12 @@ def launch(describe):
     """`launch(package, file, "name:=value", ...)` gives the nodes that would be started."""
 
     def run(package, name, *arguments):
-        given = dict(argument.split(":=", 1) for argument in arguments)
+        values = dict(argument.split(":=", 1) for argument in arguments)
         description = describe(package, name)
         declared = {e.name for e in description.entities if isinstance(e, DeclareLaunchArgument)}
-        unknown = set(given) - declared
+        unknown = set(values) - declared
         if unknown:
             raise LaunchError(f"arguments that the file does not declare: {sorted(unknown)}")
-        return description.execute(Context(given))
+        return description.execute(Context(values))
 
     return run

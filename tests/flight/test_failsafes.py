@@ -36,7 +36,7 @@ class Flown:
         flight = closed_loop.fly_loop(loop, settings)
         self.record, self.count = flight.record, loop.observer_s.count
         self.pair = loop.observer_s.pair.count
-        self.said = ObserverStatus(status(loop.observer_s, loop.observer_k))
+        self.observer_status = ObserverStatus(status(loop.observer_s, loop.observer_k))
         assert flight.status == 0, flight.sentence
 
     def off_m(self, since=AT):
@@ -80,12 +80,12 @@ FOUND = [
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize(("condition", "faults", "said"), FOUND)
-def test_it_is_found_in_time_and_named(condition, faults, said, seed):
+@pytest.mark.parametrize(("condition", "faults", "observer_status"), FOUND)
+def test_it_is_found_in_time_and_named(condition, faults, observer_status, seed):
     """At the end of the time that the table gives; nothing has happened to the aircraft by then."""
     flown = Flown(faults, seed, BEGIN_S + of(condition).within_s)
-    assert flown.said is said
-    assert said.name in of(condition).status
+    assert flown.observer_status is observer_status
+    assert observer_status.name in of(condition).status
     assert flown.off_m() < 5.0
 
 
@@ -95,7 +95,7 @@ def test_an_imu_that_stops_for_02_s_costs_less_than_1_m(kind, seed):
     sound, hurt = Flown([], seed, 30.0), Flown([fault("imu", kind, 0.2)], seed, 30.0)
     apart = sound.record.truth_pos_ned_m - hurt.record.truth_pos_ned_m
     assert np.linalg.norm(apart[AT:], axis=1).max() < 1.0
-    assert hurt.said is ObserverStatus.OK
+    assert hurt.observer_status is ObserverStatus.OK
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -137,8 +137,8 @@ def test_of_two_imus_one_that_stops_is_left_at_once(what, kind, seed):
     soon = Flown(
         [fault(what, kind)], seed, BEGIN_S + of(Condition.ONE_IMU_STOPS).within_s, two=True
     )
-    assert soon.said is ObserverStatus.IMU_LEFT
-    assert soon.said.name in of(Condition.ONE_IMU_STOPS).status
+    assert soon.observer_status is ObserverStatus.IMU_LEFT
+    assert soon.observer_status.name in of(Condition.ONE_IMU_STOPS).status
     far_m, flown = apart_m([fault(what, kind)], seed)
     assert far_m < 0.3
     assert flown.pair[PAIR.left] == number_of(what) and flown.pair[PAIR.why] == WHY_STOPPED
@@ -151,8 +151,8 @@ def test_of_two_imus_one_that_is_wrong_is_found_by_fixes_and_compass(what, kind,
     faults = [fault(what, kind, None, value)]
     within_s = of(Condition.ONE_IMU_WRONG).within_s
     soon = Flown(faults, seed, BEGIN_S + within_s, two=True)
-    assert soon.said is ObserverStatus.IMU_LEFT
-    assert soon.said.name in of(Condition.ONE_IMU_WRONG).status
+    assert soon.observer_status is ObserverStatus.IMU_LEFT
+    assert soon.observer_status.name in of(Condition.ONE_IMU_WRONG).status
     far_m, flown = apart_m(faults, seed)
     assert far_m < 1.0
     assert flown.pair[PAIR.left] == number_of(what)
@@ -169,7 +169,7 @@ def test_of_two_imus_one_may_drift_in_the_honest_world(seed, gps):
 
 def test_of_two_imus_one_that_is_sound_again_is_believed_again():
     far_m, flown = apart_m([fault("imu", "nan", 0.3)], 3)
-    assert far_m < 0.3 and flown.said is ObserverStatus.OK
+    assert far_m < 0.3 and flown.observer_status is ObserverStatus.OK
     assert flown.pair[PAIR.left] == 0 and flown.pair[PAIR.switches] == 1
 
 
@@ -237,7 +237,7 @@ def test_a_fix_that_comes_back_is_no_step_of_the_set_point(baro, seed):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_an_outage_that_ends_is_flown_through(seed):
     flown = Flown([fault("gps", "loss", 10.0)], seed, 40.0)
-    assert flown.said is ObserverStatus.OK and flown.record.mode is None
+    assert flown.observer_status is ObserverStatus.OK and flown.record.mode is None
     assert flown.off_m(3500) < 6.0
 
 
@@ -249,4 +249,4 @@ def test_a_sound_flight_raises_no_alarm(seed, gps, world, two):
     flown = Flown([], seed, 60.0, gps, world, scenario={}, two=two)
     assert not flown.pair[PAIR.switches] and flown.pair[PAIR.compared] == 6000 * two
     assert not flown.count[list(DOUBTS)].any()
-    assert flown.said is ObserverStatus.OK and flown.record.mode is None
+    assert flown.observer_status is ObserverStatus.OK and flown.record.mode is None

@@ -14,6 +14,7 @@ from heli_flight.settings import resolve
 from heli_outer_pd.failsafes import Action, Condition, of, severest
 from heli_outer_pd.goto import outside
 from heli_outer_pd.script import ScriptedSticks
+from heli_outer_pd.state import OuterStatus
 
 RADIUS_M, CEILING_M, MARGIN_M = 15.0, 16.0, 3.0
 FENCE = {"fence.radius_m": RADIUS_M, "fence.ceiling_m": CEILING_M, "fence.margin_m": MARGIN_M}
@@ -59,7 +60,7 @@ def test_who_leaves_the_fence_comes_back_and_hovers_inside(seed, roll_deg, climb
     # Without a jump: what is commanded goes on from what was commanded.
     steps = np.degrees(np.abs(np.diff(record.setpoint[led[-1] - 3 : led[-1] + 10 : 4, :2], axis=0)))
     assert steps.max() < 2.0
-    assert of(Condition.BEYOND_FENCE).status in outside(2.0, "position is held")
+    assert of(Condition.BEYOND_FENCE).status in outside(2.0, OuterStatus.OK.sentence)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

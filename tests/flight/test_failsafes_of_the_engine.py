@@ -48,12 +48,12 @@ def sensor(kind, value=None, duration_s=None):
 def test_an_engine_that_stops_is_found_in_time_and_landed_without(seed, world):
     _, record = flown(STOPS, seed, world=world)
     row = of(Condition.ROTOR_SLOW)
-    found = np.flatnonzero(record.failsafe == row.action.name)[0]
-    assert 0 < 0.01 * (found - AT) < row.within_s
+    tick = np.flatnonzero(record.failsafe == row.action.name)[0]
+    assert 0 < 0.01 * (tick - AT) < row.within_s
     at, speed, tilt = touched(record)
     assert speed < 1.5, "what the gear bears"
     assert tilt < 20.0
-    assert (record.mode[found + 1 : at] == "land").all()
+    assert (record.mode[tick + 1 : at] == "land").all()
     assert (record.mode == "standing").any(), "the collective has come down"
 
 
@@ -104,10 +104,10 @@ def test_a_sensor_that_fails_soon_after_the_engine_changes_little(kind):
 def test_a_speed_that_comes_back_is_flown_on_with(seed):
     """What the sensor says falls as a rotor does, and is right again; no jump, and it hovers."""
     flight, record = flown(sensor("drift", [-60.0], 0.4), seed, seconds=30.0)
-    found = np.flatnonzero(record.failsafe == Action.AUTOROTATE.name)
-    assert len(found) and flight.status == 0
-    back = found[-1] + 1
-    assert back - found[0] < 100
+    ticks = np.flatnonzero(record.failsafe == Action.AUTOROTATE.name)
+    assert len(ticks) and flight.status == 0
+    back = ticks[-1] + 1
+    assert back - ticks[0] < 100
     step = np.abs(np.diff(record.setpoint[back - 8 : back + 100, :2], axis=0))
     assert np.degrees(step.max()) < 4.0
     # At once only to the least thrust that the law flies; 0.8 is what lies between.

@@ -67,11 +67,11 @@ class Flown:
             spoil(loop.observer_s)
         # Tick by tick: how long nothing is known.
         for number in range(before, count):
-            flown, said = fly(loop, first + number, 1, rows[number : number + 1], *rest)
+            flown, code = fly(loop, first + number, 1, rows[number : number + 1], *rest)
             if status(loop.observer_s, loop.observer_k) == ObserverStatus.NOT_FINITE:
                 self.late.append(first + number)
-            if (flown, said) != (1, 0):
-                return number + flown, said
+            if (flown, code) != (1, 0):
+                return number + flown, code
         return count, 0
 
 

@@ -58,8 +58,8 @@ def test_what_is_too_much_is_broken_off_and_not_lost():
     modes = flight.record.mode
     changes = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
     assert modes[changes].tolist() == ["standing", "takeoff", "land", "standing"]
-    found = {f.metric.key: f for f in score(flight.record, settings.scenario).ground}
-    assert found["takeoff_height"].value is None
+    figures = {f.metric.key: f for f in score(flight.record, settings.scenario).ground}
+    assert figures["takeoff_height"].value is None
     tilt = np.degrees(np.abs(euler_angles(flight.record.truth_q_nb)[-100:, :2]))
     assert tilt.max() < 10.0
 
@@ -73,8 +73,8 @@ def test_it_lands_without_fixes():
     flight = simulate(settings)
     assert flight.status == 0, flight.sentence
     assert flight.record.mode[-1] == "standing"
-    found = {f.metric.key: f.value for f in score(flight.record, settings.scenario).ground}
-    assert found["touch_down_speed"] < 0.5 and found["touch_down_tilt"] < 15.0
+    figures = {f.metric.key: f.value for f in score(flight.record, settings.scenario).ground}
+    assert figures["touch_down_speed"] < 0.5 and figures["touch_down_tilt"] < 15.0
     drifted = np.linalg.norm(flight.record.truth_pos_ned_m[-1, :2])
     assert 1.0 < drifted < 20.0, "it does not know where it is"
 
@@ -101,8 +101,8 @@ def commanded(record):
 
 @pytest.mark.parametrize(("seed", "world"), [(s, "paper") for s in range(1, 6)] + [(1, "honest")])
 def test_it_lands_level_where_it_is_lost(seed, world):
-    record, found = lost_and_landed(seed, world=world)
-    assert found["touch_down_speed"] < 0.5 and found["touch_down_tilt"] < 15.0
+    record, figures = lost_and_landed(seed, world=world)
+    assert figures["touch_down_speed"] < 0.5 and figures["touch_down_tilt"] < 15.0
     sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
     (lost,) = np.flatnonzero((sigma[1:] > 0.5) & (sigma[:-1] <= 0.5))
     assert 12.0 < 0.04 * lost < 24.0
@@ -115,14 +115,14 @@ def test_it_lands_level_where_it_is_lost(seed, world):
 
 def test_a_fix_that_comes_back_in_the_descent_is_taken_over_without_a_step():
     """It brakes, and lands with less sideways speed than the level descent would."""
-    record, found = lost_and_landed(2, "rtk", until_s=31.0)
+    record, figures = lost_and_landed(2, "rtk", until_s=31.0)
     sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
     (again,) = np.flatnonzero((sigma[1:] < 0.1) & (sigma[:-1] > 0.5))
     attitude, collective = commanded(record)
     assert attitude[again : again + 2].max() < 0.5 and collective[again : again + 2].max() < 0.01
     assert record.mode[4 * again] == "land"
     sideways = np.linalg.norm(record.truth_vel_ned_mps[:, :2], axis=1)
-    assert sideways[4 * again] > 0.4 and found["landing_skid"] < 0.3
+    assert sideways[4 * again] > 0.4 and figures["landing_skid"] < 0.3
 
 
 def test_a_plain_hover_that_is_lost_flies_level_and_is_held_where_it_is_found_again():

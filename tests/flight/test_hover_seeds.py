@@ -45,12 +45,12 @@ def test_every_seed_is_inside_the_papers_figures(scenario, gps, source):
 def test_over_the_whole_flight_the_commanded_climb_is_outside(gps):
     """By half of the climb's speed, the least against a step that is known ahead; by no height."""
     for f in flights("hover", gps):
-        found = {s.metric.key: s for s in f.figures.whole if s.source == "navigation"}
-        assert found["v_z"].max == pytest.approx(1.25, abs=0.1)
+        figures = {s.metric.key: s for s in f.figures.whole if s.source == "navigation"}
+        assert figures["v_z"].max == pytest.approx(1.25, abs=0.1)
         if gps == "rtk":
             # 2.5 m/s 0.8 s / 8 at the rounded corner
-            assert found["altitude"].max == pytest.approx(0.25, abs=0.05)
-            assert all(found[key].inside for key in set(found) - {"v_z"})
+            assert figures["altitude"].max == pytest.approx(0.25, abs=0.05)
+            assert all(figures[key].inside for key in set(figures) - {"v_z"})
 
 
 def test_over_the_whole_flight_the_attitude_test_starts_banked():
@@ -64,8 +64,8 @@ def test_over_the_whole_flight_the_attitude_test_starts_banked():
 def test_pure_pd_drifts_off_in_steady_wind():
     """Without compensation it is the paper's law, which stands off to leeward."""
     calm = {"plant": {"wind.turbulence": False}}
-    own = {"wind_compensation": False, "K_P": [0.4, 0.5, 6.0], "K_D": [1.1, 1.8, 7.0]}
-    pd = {**calm, "outer_loop": own}
+    outer = {"wind_compensation": False, "K_P": [0.4, 0.5, 6.0], "K_D": [1.1, 1.8, 7.0]}
+    pd = {**calm, "outer_loop": outer}
     with_pd = simulate(resolve(gps="rtk", seed=3, overrides=pd)).record.truth_pos_ned_m[1700]
     default = simulate(resolve(gps="rtk", seed=3, overrides=calm)).record.truth_pos_ned_m[1700]
     leeward = np.array([-1.0, -1.0]) / np.sqrt(2.0)

@@ -33,31 +33,31 @@ def identified(tmp_path, seed, **options):
     return outcome, tmp_path / "found" / YAML
 
 
-def told(rows):
+def lines(rows):
     return [f"{row.name}: {row.value:.5g} for {row.truth:.5g}" for row in rows]
 
 
 @pytest.fixture(scope="module")
-def found(identified_once):
+def outcome_and_file(identified_once):
     outcome, folder = identified_once
     return outcome, folder / YAML
 
 
-def test_a_b_servos_and_norms_are_within_their_targets(found):
-    outcome, _ = found
+def test_a_b_servos_and_norms_are_within_their_targets(outcome_and_file):
+    outcome, _ = outcome_and_file
     judged = [row for row in outcome.rows if row.met is not None]
     assert len([row for row in judged if row.group in "AB"]) >= 15
-    assert told(row for row in misses(outcome.rows) if row.group != "E") == []
+    assert lines(row for row in misses(outcome.rows) if row.group != "E") == []
     assert outcome.identification.ab.delay_ticks == 1
 
 
-def test_every_entry_of_e_that_matters_is_within_its_target(found):
-    outcome, _ = found
-    assert told(row for row in misses(outcome.rows) if row.group == "E") == []
+def test_every_entry_of_e_that_matters_is_within_its_target(outcome_and_file):
+    outcome, _ = outcome_and_file
+    assert lines(row for row in misses(outcome.rows) if row.group == "E") == []
 
 
-def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(found):
-    _, file = found
+def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(outcome_and_file):
+    _, file = outcome_and_file
     settings = resolve(seed=2, params=[file])
     for node, key in (("inner_loop", "model.A"), ("observer", "K"), ("outer_loop", "rotor.K_col")):
         assert np.any(settings.nodes[node][key] != resolve().nodes[node][key])
@@ -81,11 +81,11 @@ def test_the_excited_aircraft_stays_near_trim_and_reference(kind):
 
 
 @pytest.mark.slow
-def test_no_number_comes_from_the_simulators_inside(found):
+def test_no_number_comes_from_the_simulators_inside(outcome_and_file):
     """The truth may be wrong in any way: what is written for the nodes stays the same."""
     from heli_studies.identify import identify
 
-    outcome, _ = found
+    outcome, _ = outcome_and_file
     found_numbers = outcome.identification
     blind = replace(
         outcome.settings,
@@ -108,9 +108,9 @@ def test_no_number_comes_from_the_simulators_inside(found):
             np.testing.assert_array_equal(again.design.values[node][key], value)
 
 
-def test_the_rotor_tells_the_vertical_air_with_its_turbulence(found):
+def test_the_rotor_tells_the_vertical_air_with_its_turbulence(outcome_and_file):
     """Where the kink of the climb power lies: E(r,w) hangs on it."""
-    identification = found[0].identification
+    identification = outcome_and_file[0].identification
     settings = settings_of(IdentifyOrder(seed=1, one_process=True), "gusts")
     record = closed_loop.simulate(settings).record
     part = slice(3000, 19000)
@@ -135,7 +135,7 @@ def test_other_seeds_meet_the_targets_too(tmp_path, seed):
         for row in misses(outcome.rows)
         if abs(row.deviation) > row.target + 2.0 * row.sigma / abs(row.truth) or np.isnan(row.sigma)
     ]
-    assert told(beyond) == []
+    assert lines(beyond) == []
     settings = resolve(seed=seed, params=[file])
     flight = closed_loop.simulate(settings)
     result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)
@@ -153,7 +153,7 @@ def test_other_aircraft_are_identified_and_hover_with_it(tmp_path, name):
         for row in misses(outcome.rows)
         if not abs(row.deviation) < max(0.1, row.target + 2.0 * row.sigma / abs(row.truth))
     ]
-    assert told(beyond) == []
+    assert lines(beyond) == []
     settings = resolve(seed=1, params=[*layers(wanted), tmp_path / "found" / YAML])
     flight = closed_loop.simulate(settings)
     result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)

@@ -32,7 +32,7 @@ class Flown:
         flight = closed_loop.fly_loop(self.loop, settings)
         assert flight.status == 0, flight.sentence
         self.record = flight.record
-        self.said = ObserverStatus(status(self.loop.observer_s, self.loop.observer_k))
+        self.observer_status = ObserverStatus(status(self.loop.observer_s, self.loop.observer_k))
 
     def counted(self, topic, sink):
         """What was counted of a link."""
@@ -86,7 +86,7 @@ def test_a_fifth_lost_and_30_ms_on_every_link(seed, gps, sound):
     """LINK_FAULTY, IMU_LATE, ESTIMATE_LATE: all at once, and the place is held all the same."""
     flown = Flown([fault("loss", 0.2), fault("delay", 0.03)], seed, gps=gps)
     assert flown.off_m(sound(seed, gps=gps)) < (1.0 if gps == "rtk" else 3.0)
-    assert flown.said is ObserverStatus.OK and flown.record.mode is None
+    assert flown.observer_status is ObserverStatus.OK and flown.record.mode is None
     count = flown.loop.observer_s.count
     assert count[L.COUNT.imu_mended] > 0.7 * 2800 and count[L.COUNT.imu_doubts] == 0
     for topic, sink in ALWAYS:

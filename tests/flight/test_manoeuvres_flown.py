@@ -26,12 +26,12 @@ def test_a_manoeuvre_is_flown_as_it_is_defined(name):
     settings = resolve(SCENARIOS[name], "rtk", 1, world="paper")
     flight = simulate(settings)
     assert not flight.status
-    found = score_flown(settings, flight.record)
-    assert found.complete, found.conditions
-    assert found.level is not HandlingLevel.NEITHER, [
-        (r.criterion.name, r.value) for r in found.results
+    rating = score_flown(settings, flight.record)
+    assert rating.complete, rating.conditions
+    assert rating.level is not HandlingLevel.NEITHER, [
+        (r.criterion.name, r.value) for r in rating.results
     ]
-    assert found.scale.ratio == pytest.approx(1.41 / 16.36)
+    assert rating.scale.ratio == pytest.approx(1.41 / 16.36)
 
 
 def test_at_full_size_the_same_file_flies_the_published_lengths():
@@ -39,8 +39,8 @@ def test_at_full_size_the_same_file_flies_the_published_lengths():
     settings = resolve("mte_vertical", "rtk", 1, world="paper", overrides=overrides)
     heights = -settings.scenario.reference.points[:, REFERENCE.pos][:, 2]
     assert np.ptp(heights) == pytest.approx(25.0 * 0.3048, abs=1e-6)
-    found = score_flown(settings, simulate(settings).record)
-    assert found.level is HandlingLevel.DESIRED and found.complete
+    rating = score_flown(settings, simulate(settings).record)
+    assert rating.level is HandlingLevel.DESIRED and rating.complete
 
 
 def test_the_centre_of_the_pirouette_is_ahead():

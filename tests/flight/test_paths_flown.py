@@ -19,8 +19,8 @@ def test_a_path_is_flown_within_its_goals(scenario, laws):
     assert not flight.status
     figures = score(flight.record, settings.scenario)
     for key in ("position", "heading"):
-        found = figures.find(WINDOWS, key, TRUTH)
-        assert found.inside, found
+        figure = figures.find(WINDOWS, key, TRUTH)
+        assert figure.inside, figure
     reference = flight.record.reference
     moved = np.ptp(reference[:, REFERENCE.pos], axis=0)
     assert moved[:2].min() > 5.0

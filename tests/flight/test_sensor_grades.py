@@ -60,7 +60,7 @@ def test_the_filter_is_told_the_noise_that_flies(grade):
     nodes = resolve("hover", params=[file]).nodes
     plant, ekf = nodes["plant"], nodes["observer"]
 
-    def told(key):
+    def assumed(key):
         return ekf[f"ekf.{key}"]
 
     def flown(key):
@@ -74,24 +74,24 @@ def test_the_filter_is_told_the_noise_that_flies(grade):
         ]
         shaken = np.linalg.norm(slopes) / np.sqrt(2.0) * flown("imu.clock_jitter_s")
         density = np.hypot(flown(f"imu.{sensor}_noise_density"), shaken / np.sqrt(100.0))
-        assert 0.97 * density < told(f"imu.{sensor}_noise_density") < 2.1 * density
-        assert told(f"imu.{sensor}_bias_walk") >= flown(f"imu.{sensor}_bias_walk")
-    assert told("initial.gyro_bias_radps") == flown("imu.gyro_bias_sigma_radps")
+        assert 0.97 * density < assumed(f"imu.{sensor}_noise_density") < 2.1 * density
+        assert assumed(f"imu.{sensor}_bias_walk") >= flown(f"imu.{sensor}_bias_walk")
+    assert assumed("initial.gyro_bias_radps") == flown("imu.gyro_bias_sigma_radps")
     of_gravity = 9.781 * flown("imu.accel_misalignment_rad")
     bias = np.hypot(flown("imu.accel_bias_sigma_mps2"), of_gravity)
-    assert told("initial.accel_bias_mps2") == pytest.approx(bias, rel=0.1)
-    assert told("baro.noise_pa") == flown("baro.white_pa")
-    assert told("mag.noise_t") == flown("mag.white_t")
+    assert assumed("initial.accel_bias_mps2") == pytest.approx(bias, rel=0.1)
+    assert assumed("baro.noise_pa") == flown("baro.white_pa")
+    assert assumed("mag.noise_t") == flown("mag.white_t")
     up = flown("gps.vertical_factor")
     jumps = 0.0 if grade == "rtk" else flown("gps.jump.sigma_m")
     slow = np.linalg.norm([flown("gps.drift_m"), flown("gps.multipath.sigma_m"), jumps])
     for axis, factor in (("horizontal", 1.0), ("vertical", up)):
-        assert told(f"gps.position_{axis}_m") == pytest.approx(factor * flown("gps.white_m"))
-        assert told(f"gps.drift_{axis}_m") == pytest.approx(factor * slow, rel=0.03)
-        assert told(f"gps.velocity_{axis}_mps") == flown("gps.velocity_mps")
+        assert assumed(f"gps.position_{axis}_m") == pytest.approx(factor * flown("gps.white_m"))
+        assert assumed(f"gps.drift_{axis}_m") == pytest.approx(factor * slow, rel=0.03)
+        assert assumed(f"gps.velocity_{axis}_mps") == flown("gps.velocity_mps")
     # what the vibration tips a single sample of the accelerometers by, at most
     tip = np.linalg.norm([*flown("imu.vibration.rev_mps2"), *flown("imu.vibration.blade_mps2")])
-    assert tip / 9.781 / 4.0 < told("initial.level_rad") < tip / 9.781
+    assert tip / 9.781 / 4.0 < assumed("initial.level_rad") < tip / 9.781
 
 
 @pytest.mark.parametrize("grade", GRADES)
@@ -103,8 +103,8 @@ def test_a_world_gives_a_grade_to_plant_and_observer(grade, tmp_path):
     world.write_text(text)
     file = config_folder("heli_dynamics_sim") / f"sensors_{grade}.yaml"
     named = resolve("hover", receiver, seed=1, world=str(world)).nodes
-    given = resolve("hover", seed=1, params=[file]).nodes
+    by_file = resolve("hover", seed=1, params=[file]).nodes
     for node in ("plant", "observer"):
-        assert named[node].keys() == given[node].keys()
-        for key, value in given[node].items():
+        assert named[node].keys() == by_file[node].keys()
+        for key, value in by_file[node].items():
             assert np.array_equal(named[node][key], value), key

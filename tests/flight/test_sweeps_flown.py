@@ -20,11 +20,11 @@ def test_bandwidth_and_phase_delay_of_a_sweep_are_the_linear_models(laws, axis):
     settings = settings_of("attitude_sweep", laws, axis)
     flight = simulate(settings)
     assert not flight.status
-    found = bandwidth(swept(settings, flight.record, AXES.index(axis)))
+    result = bandwidth(swept(settings, flight.record, AXES.index(axis)))
     linear = bandwidth(LinearLoop(settings).to_command(grid_radps(), axis))
-    assert found.phase_radps == pytest.approx(linear.phase_radps, rel=0.02)
-    assert found.neutral_radps == pytest.approx(linear.neutral_radps, rel=0.02)
-    assert found.phase_delay_s == pytest.approx(linear.phase_delay_s, rel=0.05)
+    assert result.phase_radps == pytest.approx(linear.phase_radps, rel=0.02)
+    assert result.neutral_radps == pytest.approx(linear.neutral_radps, rel=0.02)
+    assert result.phase_delay_s == pytest.approx(linear.phase_delay_s, rel=0.05)
 
 
 @pytest.mark.parametrize(("laws", "axis"), [("hinf_output", "yaw"), ("pid", "roll")])
@@ -32,10 +32,10 @@ def test_the_rejection_of_what_is_added_to_the_measured_attitude_is_the_linear_m
     settings = settings_of("attitude_disturbance", laws, axis)
     flight = simulate(settings)
     assert not flight.status
-    found = rejection(rejected(settings, flight.record, AXES.index(axis)))
+    result = rejection(rejected(settings, flight.record, AXES.index(axis)))
     linear = rejection(LinearLoop(settings).to_disturbance(grid_radps(), axis))
-    assert found.bandwidth_radps == pytest.approx(linear.bandwidth_radps, rel=0.03)
-    assert found.peak_db == pytest.approx(linear.peak_db, abs=0.7)
+    assert result.bandwidth_radps == pytest.approx(linear.bandwidth_radps, rel=0.03)
+    assert result.peak_db == pytest.approx(linear.peak_db, abs=0.7)
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
@@ -50,6 +50,6 @@ def test_a_law_of_the_error_alone_rejects_what_it_does_not_follow(axis):
 def test_steps_are_changes_of_attitude():
     settings = settings_of("attitude_steps", "hinf", "roll")
     track = true_track(simulate(settings).record)
-    found = changes(track.time_s, track.attitude_rad[:, 0])
-    assert [round(c.start_s) for c in found] == [10, 14, 18, 22, 26, 30, 34, 38]
-    assert [c.peak_deg for c in found] == pytest.approx([20.0] * 4 + [10.0] * 4, rel=0.05)
+    steps = changes(track.time_s, track.attitude_rad[:, 0])
+    assert [round(c.start_s) for c in steps] == [10, 14, 18, 22, 26, 30, 34, 38]
+    assert [c.peak_deg for c in steps] == pytest.approx([20.0] * 4 + [10.0] * 4, rel=0.05)

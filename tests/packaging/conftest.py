@@ -37,6 +37,8 @@ class Checkout:
     """A copy of what set-up reads, with an empty home and a PATH that holds no Python."""
 
     limit_s = 150
+    uv_failed = "uv cannot do it "
+    """Begins the line that names what uv said."""
     base_python = os.path.realpath(sys.executable)
     """An interpreter that is not itself an environment with ROS's start-up hook."""
 
@@ -105,7 +107,7 @@ class Checkout:
         """What each call was about, in a word."""
         words = {
             "-m venv": "venv",
-            "--target": "uv from pip",
+            "--target": "uv_from_pip",
             "uv_install.py": "uv",
             "-m ensurepip": "ensurepip",
             "-m pip": "pip",
@@ -118,8 +120,8 @@ class Checkout:
     @staticmethod
     def one_line_error(result, *words: str) -> None:
         assert result.returncode == 2, result.stderr
-        told = ("Setting up ", "uv cannot do it ")
-        errors = [line for line in result.stderr.splitlines() if not line.startswith(told)]
+        progress = ("Setting up ", Checkout.uv_failed)
+        errors = [line for line in result.stderr.splitlines() if not line.startswith(progress)]
         assert len(errors) == 1, result.stderr
         assert errors[0].startswith("error: ")
         for word in words:

@@ -14,7 +14,7 @@ SEEDS = [1, 2]
 
 
 @pytest.fixture(scope="module")
-def found():
+def campaigns():
     """What `heli campaign --json` says of both tests with both receivers."""
     tests = {}
     for test in ("hover", "attitude"):
@@ -24,15 +24,15 @@ def found():
     return tests
 
 
-def rendered(tmp_path, found):
+def rendered(tmp_path, campaigns):
     (tmp_path / files.FOLDER).mkdir(parents=True, exist_ok=True)
-    for name, content in found.items():
+    for name, content in campaigns.items():
         files.write(tmp_path, name, {"seeds": SEEDS, "found": content})
     return paper(files.Results(tmp_path))
 
 
-def largest(found, gps, place, key):
-    return max(f[place][key] for f in found["hover"]["receivers"][gps]["flights"])
+def largest(campaigns, gps, place, key):
+    return max(f[place][key] for f in campaigns["hover"]["receivers"][gps]["flights"])
 
 
 def rows(text, head):
@@ -42,8 +42,8 @@ def rows(text, head):
     return {row[0]: dict(zip(cells[0], row, strict=True)) for row in cells[2:]}
 
 
-def test_the_whole_flight_stands_first_then_the_windows_then_the_climb(tmp_path, found):
-    text = rendered(tmp_path, found)
+def test_the_whole_flight_stands_first_then_the_windows_then_the_climb(tmp_path, campaigns):
+    text = rendered(tmp_path, campaigns)
     whole, windows, climb = (
         text.index(f"**{name}**") for name in ("Whole flight", "Scored windows", "Climb")
     )
@@ -53,22 +53,23 @@ def test_the_whole_flight_stands_first_then_the_windows_then_the_climb(tmp_path,
     for part, place in ((text[whole:windows], "max_whole"), (text[windows:climb], "max")):
         row = rows(part, "paper (flight)")["altitude error"]
         for gps, words in (("standalone", "standalone GPS"), ("rtk", "RTK")):
-            value = largest(found, gps, place, "altitude (navigation)")
+            value = largest(campaigns, gps, place, "altitude (navigation)")
             assert row[f"{words}, navigation record"].startswith(f"{value:.2f}")
-        value = largest(found, "standalone", place, "altitude (truth_less_drift)")
+        value = largest(campaigns, "standalone", place, "altitude (truth_less_drift)")
         assert row["standalone GPS, truth less drift at engagement"].startswith(f"{value:.2f}")
         assert "RTK, truth less drift at engagement" not in row
         speeds = rows(part, "paper (flight)")["forward speed"]
         assert speeds["standalone GPS, truth less drift at engagement"] == "–"
     lags = [
-        f["climb"]["climb_lag (navigation)"] for f in found["hover"]["receivers"]["rtk"]["flights"]
+        f["climb"]["climb_lag (navigation)"]
+        for f in campaigns["hover"]["receivers"]["rtk"]["flights"]
     ]
     row = rows(text[climb:], "climb")["lag at half the climb, s"]
     assert row["RTK, navigation record"] == f"{min(lags):.2f} to {max(lags):.2f}"
 
 
-def test_a_height_that_was_not_reached_and_a_lost_flight_are_said(tmp_path, found):
-    changed = copy.deepcopy(found)
+def test_a_height_that_was_not_reached_and_a_lost_flight_are_said(tmp_path, campaigns):
+    changed = copy.deepcopy(campaigns)
     first, second = changed["hover"]["receivers"]["rtk"]["flights"]
     first["climb"]["climb_time (navigation)"] = None
     second |= {"lost": "it hit the ground", "max": {}, "max_whole": {}, "climb": {}}
@@ -79,9 +80,9 @@ def test_a_height_that_was_not_reached_and_a_lost_flight_are_said(tmp_path, foun
     assert rows(text, "paper (flight)")["lateral speed"]["RTK, truth"].endswith("; lost on 1")
 
 
-def test_a_file_without_the_whole_flight_gives_its_windows(tmp_path, found):
+def test_a_file_without_the_whole_flight_gives_its_windows(tmp_path, campaigns):
     """Files that were made before hold the windows alone: one table, no word of another."""
-    old = copy.deepcopy(found)
+    old = copy.deepcopy(campaigns)
     for test in old.values():
         for receiver in test["receivers"].values():
             del receiver["inside"]

@@ -88,8 +88,8 @@ def test_gamma_closer_to_its_bound_lets_less_of_the_worst_wind_through():
             np.linalg.solve(1j * frequency * np.eye(9) - closed, E)
             for frequency in np.geomspace(0.01, 300.0, 400)
         ]
-        seen = (np.eye(9)[:2], np.eye(9)[2:4], kernel.F)
-        gains.append([max(np.linalg.norm(C @ x, 2) for x in states) for C in seen])
+        outputs = (np.eye(9)[:2], np.eye(9)[2:4], kernel.F)
+        gains.append([max(np.linalg.norm(C @ x, 2) for x in states) for C in outputs])
     (angles, rates, actuators), (angles_closer, rates_closer, actuators_closer) = gains
     assert angles_closer < 0.99 * angles and rates_closer < 0.99 * rates
     assert actuators_closer > 1.05 * actuators

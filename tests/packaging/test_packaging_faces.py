@@ -21,12 +21,12 @@ def test_every_name_of_the_face_is_there_and_described(package):
     assert module.__all__
     assert len(set(module.__all__)) == len(module.__all__)
     for name in module.__all__:
-        found = getattr(module, name)
-        if inspect.isclass(found) or callable(found) or inspect.ismodule(found):
-            assert inspect.getdoc(found), f"{package}.{name}"
+        member = getattr(module, name)
+        if inspect.isclass(member) or callable(member) or inspect.ismodule(member):
+            assert inspect.getdoc(member), f"{package}.{name}"
         # The kernels' cache follows imports from module to module (heli_core.jit): a kernel that is
         # imported by a name of the face would run stale when its source changes.
-        assert type(found).__name__ != "CPUDispatcher", f"{package}.{name}"
+        assert type(member).__name__ != "CPUDispatcher", f"{package}.{name}"
     assert set(module.__all__) <= set(dir(module))
 
 
@@ -34,11 +34,11 @@ def test_every_name_of_the_face_is_there_and_described(package):
 def test_a_name_means_the_same_before_and_after_its_module_is_loaded(package):
     """A function would be hidden by a module of its name as soon as that is imported."""
     modules = sorted(path.stem for path in (ROOT / "src" / package / package).glob("*.py"))
-    own = [name for name in modules if name not in ("__init__", "node", "launching")]
+    loaded = [name for name in modules if name not in ("__init__", "node", "launching")]
     code = (
         f"import importlib, {package} as p\n"
         "before = {name: getattr(p, name) for name in p.__all__}\n"
-        f"for name in {own}: importlib.import_module(f'{package}.{{name}}')\n"
+        f"for name in {loaded}: importlib.import_module(f'{package}.{{name}}')\n"
         "print([name for name in p.__all__ if getattr(p, name) is not before[name]])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -48,8 +48,8 @@ def test_a_name_means_the_same_before_and_after_its_module_is_loaded(package):
 def section(package, title):
     """Text under a heading of a package's README; empty if there is none of this name."""
     text = (ROOT / "src" / package / "README.md").read_text(encoding="utf-8")
-    found = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
-    return found[1] if found else ""
+    match = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    return match[1] if match else ""
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -36,11 +36,11 @@ def tracked_files():
 
 def code_files():
     """Files that a licence header belongs to: by suffix, or scripts without one."""
-    found = []
+    paths = []
     for path in tracked_files():
         if path.suffix in CODE_SUFFIXES or (not path.suffix and path.parent.name == "scripts"):
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths
 
 
 def test_every_code_file_names_its_licence():
@@ -58,7 +58,7 @@ def test_every_code_file_names_its_licence():
 def test_no_path_of_a_machine():
     """Neither home folders nor the places where somebody's tools happened to lie."""
     pattern = re.compile(r"/(?:home|Users|root|work|mnt|opt/(?!ros\b))/[A-Za-z0-9._]")
-    found = []
+    places = []
     for path in tracked_files():
         if path == Path(__file__):
             continue
@@ -66,8 +66,8 @@ def test_no_path_of_a_machine():
             lines = path.read_text(encoding="utf-8").splitlines()
         except UnicodeDecodeError:
             continue
-        found += [f"{path.relative_to(ROOT)}: {line}" for line in lines if pattern.search(line)]
-    assert found == []
+        places += [f"{path.relative_to(ROOT)}: {line}" for line in lines if pattern.search(line)]
+    assert places == []
 
 
 def test_test_files_have_names_of_their_own():
@@ -145,19 +145,21 @@ def test_no_yaml_is_outside_these_tests():
 def test_every_parameter_is_explained(node):
     """A comment stands above the key, its block, or the paragraph of keys that it is in."""
     file = ROOT / "src" / TABLES[node][1] / "config" / f"{node}.yaml"
-    bare, told_at = [], {}
+    bare, explained_at = [], {}
     after_comment = False
     for line in file.read_text().splitlines():
         key = re.match(r"( *)[A-Za-z_0-9]+:", line)
         if not line.strip():
-            told_at = {depth: told for depth, told in told_at.items() if depth < 4}
+            explained_at = {
+                depth: explained for depth, explained in explained_at.items() if depth < 4
+            }
         elif line.lstrip().startswith("#"):
             after_comment = True
         elif key and "ros__parameters" not in line:
             depth = len(key.group(1))
-            told_at = {d: told for d, told in told_at.items() if d <= depth}
-            told_at[depth] = after_comment or "#" in line or told_at.get(depth, False)
-            if not line.endswith(":") and not any(told_at.values()):
+            explained_at = {d: explained for d, explained in explained_at.items() if d <= depth}
+            explained_at[depth] = after_comment or "#" in line or explained_at.get(depth, False)
+            if not line.endswith(":") and not any(explained_at.values()):
                 bare.append(line.strip())
             after_comment = False
     assert bare == []

@@ -27,9 +27,9 @@ def test_the_first_screen_has_for_whom_picture_commands_time_and_disk():
     assert (ROOT / picture).is_file()
     for command in ("./hover_test.sh", "./run_tests.sh"):
         assert f"\n    {command} " in FIRST_SCREEN
-    found = files.read(ROOT, "setup")["found"]
+    setup = files.read(ROOT, "setup")["found"]
     assert "<!-- results: setup -->" in FIRST_SCREEN
-    assert f"after {found['total_s']:.0f} s" in FIRST_SCREEN
+    assert f"after {setup['total_s']:.0f} s" in FIRST_SCREEN
     size = files.read(ROOT, "setup_size")["found"]
     assert f"takes {size['disk_mb']} MB of disk" in FIRST_SCREEN
     assert f"downloads {size['download_mb']} MB" in FIRST_SCREEN

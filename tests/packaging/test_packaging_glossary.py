@@ -37,7 +37,7 @@ NO_TEXT = re.compile(
 
 def first_words(text):
     """Of each word that stands in running text: its anchor, and where it stands first."""
-    running = NO_TEXT.sub(lambda found: " " * len(found[0]), text)
+    running = NO_TEXT.sub(lambda markup: " " * len(markup[0]), text)
     for anchor, word in WORDS.items():
         match = re.search(word, running)
         if match:

@@ -11,7 +11,7 @@ from evidence import files
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def found(name):
+def results(name):
     return files.read(ROOT, name)["found"]
 
 
@@ -30,7 +30,7 @@ def test_every_command_sets_up(checkout, words):
     done = checkout.start("heli", *words)
     assert done.returncode == 0, done.stderr
     assert (checkout.top / ".venv/heli_stamp").is_file()
-    costs = f"downloads {found('setup_size')['download_mb']} MB"
+    costs = f"downloads {results('setup_size')['download_mb']} MB"
     assert costs in done.stderr.splitlines()[0]
 
 
@@ -44,7 +44,7 @@ def test_the_tests_tell_what_they_are_without_set_up(checkout):
     done = checkout.start("run_tests.sh", "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("Usage: ./run_tests.sh")
-    assert f"test tools add {found('setup_size')['test_mb']} MB" in done.stdout
+    assert f"test tools add {results('setup_size')['test_mb']} MB" in done.stdout
     assert not list(checkout.top.glob(".venv*"))
 
 

@@ -78,17 +78,19 @@ def test_ros2_launch_finds_every_launch_file(prefix, package):
     """As ros2launch does: by the file's name, links to folders not followed."""
     wanted = {path.name for path in (ROOT / "src" / package / "launch").glob("*.launch.py")}
     assert wanted or package != "heli_flight"
-    found = [name for _, _, names in os.walk(prefix / "share" / package) for name in names]
-    assert wanted <= set(found)
+    installed_names = [
+        name for _, _, names in os.walk(prefix / "share" / package) for name in names
+    ]
+    assert wanted <= set(installed_names)
 
 
 def files_below(folder: Path) -> set[str]:
     """Files under folder, links followed, without byte code and the tools' hidden files."""
-    found = set()
+    relative = set()
     for path, folders, names in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if name[0] != "." and name != "__pycache__"]
-        found |= {str((Path(path) / name).relative_to(folder)) for name in names}
-    return found
+        relative |= {str((Path(path) / name).relative_to(folder)) for name in names}
+    return relative
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -107,16 +109,18 @@ def test_package_is_in_the_index(prefix, package):
         "from ament_index_python.packages import *\n"
         f"print(get_package_prefix('{package}'), get_package_share_directory('{package}'))"
     )
-    found = run(sys.executable, "-c", code, env={**os.environ, "AMENT_PREFIX_PATH": str(prefix)})
-    assert found.split() == [str(prefix), str(prefix / "share" / package)]
+    output = run(sys.executable, "-c", code, env={**os.environ, "AMENT_PREFIX_PATH": str(prefix)})
+    assert output.split() == [str(prefix), str(prefix / "share" / package)]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_executables_as_ros2_run_finds_them(prefix, package):
     """ros2pkg walks <prefix>/lib/<package> and takes the files that are executable."""
     folder = prefix / "lib" / package
-    found = [path.name for path in folder.glob("*") if os.access(path, os.X_OK) and path.is_file()]
-    assert sorted(found) == EXECUTABLES.get(package, [])
+    executables = [
+        path.name for path in folder.glob("*") if os.access(path, os.X_OK) and path.is_file()
+    ]
+    assert sorted(executables) == EXECUTABLES.get(package, [])
 
 
 @pytest.mark.parametrize("name", ["hover_test", "heli"])
@@ -143,8 +147,8 @@ def test_modules_are_complete(installed):
 def test_installed_package_finds_its_parameters(installed):
     code = "from heli_core.command_line import config_folder as f; print(f('heli_observer'))"
     env = {**os.environ, "PYTHONPATH": str(installed / PYTHON_FOLDER)}
-    found = run(sys.executable, "-c", code, env=env, cwd=installed)
-    assert Path(found.strip()) == installed / "share/heli_observer/config"
+    output = run(sys.executable, "-c", code, env=env, cwd=installed)
+    assert Path(output.strip()) == installed / "share/heli_observer/config"
 
 
 def test_linked_packages_are_on_the_path(linked):

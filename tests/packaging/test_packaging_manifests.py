@@ -100,8 +100,8 @@ def of_ros(name):
 def pins(name):
     """Requirement names of one file, lower case."""
     lines = (ROOT / "requirements" / name).read_text().splitlines()
-    found = (re.match(r"[A-Za-z0-9._-]+", line) for line in lines)
-    return {match.group().lower().replace("_", "-") for match in found if match}
+    matches = (re.match(r"[A-Za-z0-9._-]+", line) for line in lines)
+    return {match.group().lower().replace("_", "-") for match in matches if match}
 
 
 def test_every_package_has_a_manifest():
@@ -130,18 +130,18 @@ def test_the_packages_that_were_asked_for_are_here():
 
 def test_maintainers_are_those_who_commit():
     """package.xml wants a name and an address: those of the history, no invented ones."""
-    found = {
+    maintainers = {
         (tag.text, tag.get("email"))
         for package in PACKAGES
         for tag in manifest(package).findall("maintainer")
     }
     authors = PROJECT["project"]["authors"]
-    assert found == {(author["name"], author["email"]) for author in authors}
+    assert maintainers == {(author["name"], author["email"]) for author in authors}
     log = ["git", "log", "--format=%an%x00%ae"]
     history = subprocess.run(log, cwd=ROOT, capture_output=True, text=True)
     if history.returncode or not history.stdout:
         pytest.skip("the sources came without their history")
-    assert found <= {tuple(line.split("\0")) for line in history.stdout.splitlines()}
+    assert maintainers <= {tuple(line.split("\0")) for line in history.stdout.splitlines()}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -242,11 +242,11 @@ def test_every_requirement_is_pinned_exactly():
 def hashed(name):
     """Packages of a list of requirements/hashes: name to version and hashes."""
     text = (ROOT / f"requirements/hashes/{name}.txt").read_text()
-    found = {}
+    packages = {}
     for block in re.split(r"^(?=\w)", text, flags=re.MULTILINE)[1:]:
         package, version = re.match(r"([\w.-]+)==([^\s;]+)", block).groups()
-        found[package] = version, re.findall(r"--hash=sha256:([0-9a-f]{64})\b", block)
-    return found
+        packages[package] = version, re.findall(r"--hash=sha256:([0-9a-f]{64})\b", block)
+    return packages
 
 
 def test_every_file_that_is_installed_has_its_hash():
@@ -255,7 +255,7 @@ def test_every_file_that_is_installed_has_its_hash():
     pinned = dict(line.split("==") for line in lines if "==" in line and line[0] != "#")
     pinned = {name.replace(".", "-"): version for name, version in pinned.items()}
     lists = {name: hashed(name) for name in ("flight", "test", "uv")}
-    together = {package for found in lists.values() for package in found}
+    together = {package for packages in lists.values() for package in packages}
     # Of these nothing is installed on Linux, so they have no pin.
     elsewhere = {"colorama", "coloredlogs", "humanfriendly", "pyreadline3"}
     assert together - elsewhere <= set(pinned)
@@ -265,13 +265,13 @@ def test_every_file_that_is_installed_has_its_hash():
     (fuzzer,) = hashed("fuzz").items()
     assert f'"{fuzzer[0]}=={fuzzer[1][0]}"' in (ROOT / "scripts/write_hashes.py").read_text()
     assert fuzzer[1][1] and fuzzer[0] not in pinned
-    for found in lists.values():
-        for package, (version, hashes) in found.items():
+    for packages in lists.values():
+        for package, (version, hashes) in packages.items():
             assert hashes, package
             assert package in elsewhere or version == pinned[package], package
-    for name, own in (("ros", "flight"), ("python", "flight"), ("test", "test")):
+    for name, kind in (("ros", "flight"), ("python", "flight"), ("test", "test")):
         wanted = {pin.split("==")[0].lower() for pin in pins(f"{name}.txt")}
-        assert wanted <= set(lists[own]) | set(lists["flight"]), name
+        assert wanted <= set(lists[kind]) | set(lists["flight"]), name
 
 
 def test_running_environment_is_the_pinned_one():

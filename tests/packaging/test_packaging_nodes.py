@@ -19,11 +19,11 @@ MODULES += ["heli_flight.graph.scenario_node", "heli_flight.graph.world_clock_no
 
 def nodes():
     """Classes of all nodes and their bases."""
-    found = {TableNode, ManagedNode, TickNode}
+    classes = {TableNode, ManagedNode, TickNode}
     for module in MODULES:
         content = vars(importlib.import_module(module)).values()
-        found |= {c for c in content if inspect.isclass(c) and issubclass(c, ManagedNode)}
-    return sorted(found, key=lambda c: c.__name__)
+        classes |= {c for c in content if inspect.isclass(c) and issubclass(c, ManagedNode)}
+    return sorted(classes, key=lambda c: c.__name__)
 
 
 def ours(cls):
@@ -33,10 +33,10 @@ def ours(cls):
 def assigned(cls, born):
     """Attributes of `self` that are assigned in `__init__` (born) or in the other methods."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    found = set()
+    attributes = set()
     for method in tree.body[0].body:
         if isinstance(method, ast.FunctionDef) and (method.name == "__init__") == born:
-            found |= {
+            attributes |= {
                 node.attr
                 for node in ast.walk(method)
                 if isinstance(node, ast.Attribute)
@@ -44,7 +44,7 @@ def assigned(cls, born):
                 and isinstance(node.value, ast.Name)
                 and node.value.id == "self"
             }
-    return found
+    return attributes
 
 
 @pytest.mark.parametrize("cls", nodes(), ids=lambda c: c.__name__)

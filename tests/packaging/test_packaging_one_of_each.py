@@ -58,10 +58,10 @@ def test_a_second_one_is_not_imported(module):
 
 def test_nobody_draws_progress_by_hand():
     """A carriage return goes back to the beginning of the line: a progress bar of one's own."""
-    found = {
+    drawing = {
         name
         for name, path in sources("src/*/heli*/**/*.py", "scripts/*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and "\r" in node.value
     }
-    assert found == set()
+    assert drawing == set()

@@ -64,19 +64,19 @@ KNOWN = CALLED_BY_OTHERS | SET_FOR_OTHERS | READ_BY_FIELD | READ_BY_TEMPLATE | O
 @cache
 def modules():
     """Full name -> file of every module under src/."""
-    found = {}
+    files = {}
     for package in PACKAGES:
         top = ROOT / "src" / package
         for file in (top / package).rglob("*.py"):
             parts = file.relative_to(top).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
-    return found
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    return files
 
 
 @cache
 def named_in(file):
     """Modules that a file imports, anywhere in it, or names in full in a string (`python -m`)."""
-    found = set()
+    imported = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         names = []
         if isinstance(node, ast.Import):
@@ -87,8 +87,8 @@ def named_in(file):
             names = [node.value]
         for name in names:
             parts = name.split(".")
-            found |= {".".join(parts[:i]) for i in range(1, len(parts) + 1)} & set(modules())
-    return found
+            imported |= {".".join(parts[:i]) for i in range(1, len(parts) + 1)} & set(modules())
+    return imported
 
 
 def commands():
@@ -106,11 +106,11 @@ def started():
 def reached():
     """Modules that are imported, directly or not, by what a user starts, or from `heli`."""
     face = {name for name in modules() if name.split(".")[0] == "heli"}
-    seen, waiting = set(), commands().union(face, *map(named_in, started()))
+    visited, waiting = set(), commands().union(face, *map(named_in, started()))
     while waiting:
-        seen |= waiting
-        waiting = set().union(*(named_in(modules()[name]) for name in waiting)) - seen
-    return seen
+        visited |= waiting
+        waiting = set().union(*(named_in(modules()[name]) for name in waiting)) - visited
+    return visited
 
 
 def test_no_module_is_for_tests_only():
@@ -144,14 +144,14 @@ def unused_in_the_product():
 
 def test_no_name_is_for_tests_only():
     """Functions, methods, attributes, fields and constants that only tests use go, too."""
-    found = [line for line in unused_in_the_product() if line.rsplit(" ", 1)[1] not in KNOWN]
+    lines = [line for line in unused_in_the_product() if line.rsplit(" ", 1)[1] not in KNOWN]
     hint = "use it, move it to tests/support, delete it, or say in KNOWN what uses it"
-    assert found == [], f"{hint}:\n" + "\n".join(found)
+    assert lines == [], f"{hint}:\n" + "\n".join(lines)
 
 
 def test_every_exception_is_needed():
-    found = {line.rsplit(" ", 1)[1] for line in unused_in_the_product()}
-    assert found == set(KNOWN)
+    names = {line.rsplit(" ", 1)[1] for line in unused_in_the_product()}
+    assert names == set(KNOWN)
 
 
 @pytest.mark.parametrize(

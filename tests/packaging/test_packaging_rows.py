@@ -96,21 +96,23 @@ def sources():
 def test_rows_are_read_by_name():
     files = dict(sources())
     assert len(files) > 100
-    found = [
+    places = [
         f"{name}:{line}: {text}"
         for name, path in files.items()
         if name not in ALGEBRA
         for line, text in numeric_subscripts(path.read_text(encoding="utf-8"))
         if text not in TEXT.get(name, ())
     ]
-    assert found == [], "name these places, see heli_core/rows.py:\n" + "\n".join(found)
+    assert places == [], "name these places, see heli_core/rows.py:\n" + "\n".join(places)
 
 
 def test_every_exception_is_needed():
     files = dict(sources())
     for name, texts in TEXT.items():
-        found = {text for _, text in numeric_subscripts(files[name].read_text(encoding="utf-8"))}
-        assert texts <= found, name
+        subscripts = {
+            text for _, text in numeric_subscripts(files[name].read_text(encoding="utf-8"))
+        }
+        assert texts <= subscripts, name
     for name in ALGEBRA:
         assert any(numeric_subscripts(files[name].read_text(encoding="utf-8"))), name
 
@@ -122,7 +124,7 @@ def test_every_exception_is_needed():
      "x[[4, 5, 7]]", "q[4]", "A[4, 5]", "x[9:]", "nav[0]"],
 )  # fmt: skip
 def test_the_search_finds(text):
-    assert [found for _, found in numeric_subscripts(text)] == [text]
+    assert [subscript for _, subscript in numeric_subscripts(text)] == [text]
 
 
 @pytest.mark.parametrize(
@@ -136,7 +138,7 @@ def test_the_search_leaves_alone(text):
 
 def test_the_length_of_a_tick_stands_once():
     """No file spells it again, nor what follows from it."""
-    found = []
+    places = []
     for name, path in sources():
         if name == "heli_core/ticks.py":
             continue
@@ -146,7 +148,7 @@ def test_the_length_of_a_tick_stands_once():
                 node.value, ast.Constant
             )
             if spelled and node.value.value in (0.01, 100, 100.0, 10_000_000):
-                found.append(f"{name}:{node.lineno}")
+                places.append(f"{name}:{node.lineno}")
             if number(node) in (10_000_000, 1_000_000_000):
-                found.append(f"{name}:{node.lineno}")
-    assert found == []
+                places.append(f"{name}:{node.lineno}")
+    assert places == []

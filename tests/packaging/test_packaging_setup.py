@@ -39,12 +39,12 @@ def test_interrupted_setup_leaves_nothing(checkout, signal_number, at_work):
         connection, _ = index.accept()  # pip or uv is at work and waits for an answer
         with connection:
             os.kill(setup.pid, signal_number)
-            _, told = setup.communicate(timeout=checkout.limit_s)
+            _, errors = setup.communicate(timeout=checkout.limit_s)
             connection.settimeout(checkout.limit_s)
             while connection.recv(65536):  # ends when pip or uv is gone
                 continue
     assert setup.returncode == 128 + signal_number
-    assert told.splitlines()[1:] == ["interrupted"] * (signal_number == signal.SIGINT)
+    assert errors.splitlines()[1:] == ["interrupted"] * (signal_number == signal.SIGINT)
     left = {path.name for path in checkout.top.glob(".venv*")} | {
         path.name for path in checkout.top.parent.glob("heli_setup*")
     }
@@ -199,13 +199,13 @@ def test_sourced_jazzy_builds_with_colcon(checkout):
     # Interfaces are built as soon as there are generators and a compiler.
     prefix = checkout.top.parent / "ros"
     (prefix / "share/rosidl_default_generators").mkdir(parents=True)
-    found = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": f"/nowhere:{prefix}"}
-    checkout.start(**found)
+    environment = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": f"/nowhere:{prefix}"}
+    checkout.start(**environment)
     assert checkout.kinds_of_calls() == ["flight"]
     checkout.add_command("c++", "#!/usr/bin/env bash\n")
-    checkout.start(**found)
+    checkout.start(**environment)
     assert checkout.calls()[0] == command
-    checkout.start("run_tests.sh", **found)
+    checkout.start("run_tests.sh", **environment)
     assert "ros_test.txt" not in checkout.calls()[0]
 
 

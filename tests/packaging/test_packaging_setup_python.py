@@ -44,9 +44,9 @@ def test_python_without_venv_is_passed_over(checkout):
 @pytest.fixture
 def two_pythons(checkout):
     """The Python that set-up finds by itself, and one that only PYTHON= can name."""
-    found = checkout.add_python()
+    default = checkout.add_python()
     (checkout.top.parent / "elsewhere").mkdir()
-    return found, shutil.copy2(found, checkout.top.parent / "elsewhere" / "python3")
+    return default, shutil.copy2(default, checkout.top.parent / "elsewhere" / "python3")
 
 
 def test_environment_of_a_chosen_python_stays_without_the_choice(checkout, two_pythons):
@@ -59,8 +59,8 @@ def test_environment_of_a_chosen_python_stays_without_the_choice(checkout, two_p
 
 
 def test_another_chosen_python_makes_another_environment(checkout, two_pythons):
-    found, chosen = two_pythons
-    for choice in (chosen, found):
+    default, chosen = two_pythons
+    for choice in (chosen, default):
         assert checkout.start(PYTHON=str(choice)).returncode == 0
         assert checkout.kinds_of_calls()[0] == "venv"
         assert (checkout.top / ".venv/heli_python").read_text() == f"{choice}\n"
@@ -77,12 +77,12 @@ def test_changed_pins_keep_the_chosen_python(checkout, two_pythons):
 
 
 def test_chosen_python_that_is_gone_is_replaced(checkout, two_pythons):
-    found, chosen = two_pythons
+    default, chosen = two_pythons
     checkout.start(PYTHON=str(chosen))
     chosen.unlink()
     (checkout.top / ".venv/bin/python").unlink()
     assert checkout.start().returncode == 0
-    assert (checkout.top / ".venv/heli_python").read_text() == f"{found}\n"
+    assert (checkout.top / ".venv/heli_python").read_text() == f"{default}\n"
 
 
 def test_environment_whose_python_vanished_is_made_anew(checkout):

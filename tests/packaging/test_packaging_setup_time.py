@@ -60,13 +60,13 @@ def measure(script, tmp_path, monkeypatch):
 
 
 def test_a_fresh_clone_is_set_up_with_empty_caches(measure):
-    found = measure()
-    assert found["split_s"] == {
+    times = measure()
+    assert times["split_s"] == {
         "environment": 1, "uv": 2, "wheels": 6, "packages": 0, "kernels": 22
     }  # fmt: skip
-    assert (found["setup_s"], found["installed_mb"]) == (31, 3)
-    assert (found["start_up_s"], found["flown_s"], found["flight_s"]) == (3.2, 60.0, 4.58)
-    assert 0.0 <= found["total_s"] < 60.0
+    assert (times["setup_s"], times["installed_mb"]) == (31, 3)
+    assert (times["start_up_s"], times["flown_s"], times["flight_s"]) == (3.2, 60.0, 4.58)
+    assert 0.0 <= times["total_s"] < 60.0
 
 
 def test_a_flight_that_was_not_flown_is_no_result(measure, monkeypatch):
@@ -79,9 +79,9 @@ def test_the_parts_are_those_of_set_up(script):
     for part in script.PARTS:
         assert f"heli_mark {part}" in SETUP_ENV
     assert script.split(SAID.replace(" uv 2 s,", ""))["uv"] == 0
-    for said in ("", "Set up in 3 s: environment 1 s, test tools 2 s."):
+    for output in ("", "Set up in 3 s: environment 1 s, test tools 2 s."):
         with pytest.raises(FlightError, match="set-up"):
-            script.split(said)
+            script.split(output)
 
 
 def test_the_sentence_has_every_number(measure, tmp_path):

@@ -25,14 +25,14 @@ def node_class(name):
     """The node class of an executable."""
     package = next((ROOT / "src").glob(f"*/scripts/{name}")).parents[1].name
     module = import_module(MODULES.get(name, f"{package}.node"))
-    (found,) = [
+    (cls,) = [
         thing
         for thing in vars(module).values()
         if isinstance(thing, type)
         and issubclass(thing, ManagedNode)
         and thing.__module__ == module.__name__
     ]
-    return found
+    return cls
 
 
 def test_all_nine_are_here():

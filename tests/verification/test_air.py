@@ -232,13 +232,13 @@ def test_random_gusts_have_the_distributions_that_were_asked_for():
     pause = start - np.concatenate([[0.0], (start + length)[:-1]])
     angle = np.arctan2(peak[:, 1], peak[:, 0]) - np.radians(225.0 - 360.0)
     assert len(drawn) > 4000 and (pause >= 0.0).all() and (peak[:, 2] == 0.0).all()
-    for found, wanted in (
+    for sample, wanted in (
         (pause, expon(scale=15.0)),
         (length, uniform(1.0, 4.0)),
         (np.linalg.norm(peak, axis=1), uniform(1.6, 2.4)),
         (angle, uniform(-np.radians(30.0), np.radians(60.0))),
     ):
-        assert kstest(found, wanted.cdf).pvalue > 1e-3
+        assert kstest(sample, wanted.cdf).pvalue > 1e-3
 
 
 LOCK_NUMBER = 6.0

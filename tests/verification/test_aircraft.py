@@ -52,10 +52,10 @@ def test_it_trims_in_wind_from_all_sides(name, speed):
     """Residual <= 1e-9 SI, actuators inside 60 % of travel, tilt below 35 deg (12 m/s: 40)."""
     aircraft = load(name)
     for angle in np.radians(np.arange(0.0, 360.0, 45.0)):
-        found = trim(aircraft, [speed * np.cos(angle), speed * np.sin(angle), 0.0])
-        assert found.residual <= 1e-9
-        assert np.abs(found.u).max() < 0.6
-        assert found.x[6] > math.cos(math.radians(40.0 if speed > 8.0 else 35.0) / 2.0)
+        point = trim(aircraft, [speed * np.cos(angle), speed * np.sin(angle), 0.0])
+        assert point.residual <= 1e-9
+        assert np.abs(point.u).max() < 0.6
+        assert point.x[6] > math.cos(math.radians(40.0 if speed > 8.0 else 35.0) / 2.0)
 
 
 @pytest.mark.parametrize("name", AIRCRAFT)

@@ -23,7 +23,7 @@ def settings():
 
 
 @pytest.fixture(scope="module")
-def found(settings):
+def schedule(settings):
     return over_airspeed(settings)
 
 
@@ -43,36 +43,36 @@ def test_to_hover_in_a_headwind_is_to_fly_through_still_air(settings):
     np.testing.assert_allclose(rates[PLANT.rate], 0.0, atol=1e-8)
 
 
-def test_the_nose_goes_down_with_speed_and_the_disc_is_held_against_its_flap_back(found):
-    ahead = [p for p in found.points if p.point.right_mps == 0.0]
+def test_the_nose_goes_down_with_speed_and_the_disc_is_held_against_its_flap_back(schedule):
+    ahead = [p for p in schedule.points if p.point.right_mps == 0.0]
     slow, fast = ahead[0], ahead[-1]
     assert fast.attitude_rad[1] < slow.attitude_rad[1] - np.radians(3.0)
     stiff, soft = (p.u[1] for p in ahead[-3::2])
     assert soft < stiff - 0.01
 
 
-def test_every_loop_from_hover_to_forward_flight_is_stable_with_margin(found):
-    assert max(p.judgement.radius for p in found.points) < 0.99
-    assert min(p.judgement.disk_input for p in found.points) > 0.7
-    assert min(p.judgement.disk_output for p in found.points) > 0.6
+def test_every_loop_from_hover_to_forward_flight_is_stable_with_margin(schedule):
+    assert max(p.judgement.radius for p in schedule.points) < 0.99
+    assert min(p.judgement.disk_input for p in schedule.points) > 0.7
+    assert min(p.judgement.disk_output for p in schedule.points) > 0.6
 
 
-def test_one_bound_holds_for_all_speeds_ahead_and_what_lies_between(found):
-    bound = found.bound
+def test_one_bound_holds_for_all_speeds_ahead_and_what_lies_between(schedule):
+    bound = schedule.bound
     assert np.linalg.eigvalsh(bound.P).min() > 0.0
-    loops = [p.loop for p in found.points if p.point.right_mps == 0.0]
+    loops = [p.loop for p in schedule.points if p.point.right_mps == 0.0]
     assert max(contraction_of(A, bound.P) for A in loops) == pytest.approx(bound.contraction)
-    assert max(bound.contraction, found.between) < 0.998
+    assert max(bound.contraction, schedule.between) < 0.998
 
 
-def test_speed_may_change_at_every_tick(found):
+def test_speed_may_change_at_every_tick(schedule):
     """A walk among all loops, as wild as can be: what the bound promises, step by step."""
-    loops = [p.loop for p in found.points if p.point.right_mps == 0.0]
-    rng, P = np.random.default_rng(3), found.bound.P
+    loops = [p.loop for p in schedule.points if p.point.right_mps == 0.0]
+    rng, P = np.random.default_rng(3), schedule.bound.P
     x = rng.standard_normal(P.shape[0])
     for k in rng.integers(len(loops), size=3000):
         before, x = x @ P @ x, loops[k] @ x
-        assert x @ P @ x <= found.bound.contraction**2 * before * (1.0 + 1e-9)
+        assert x @ P @ x <= schedule.bound.contraction**2 * before * (1.0 + 1e-9)
     assert x @ P @ x < 1e-8
 
 

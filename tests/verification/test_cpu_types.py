@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from evidence.cpu_types import CpuTypeError, chosen, combinations
+
 ROOT = Path(__file__).resolve().parents[2]
 SWEEP = "evidence.sweep_cpu_types"
 COMPARE = "evidence.experiments.cpu_types"
@@ -55,20 +57,29 @@ def test_what_was_chosen_before_is_not_run_again(tmp_path):
     done = sweep_of(tmp_path, "Haswell", "Zen")
     assert done.returncode == 0, done.stdout + done.stderr
     haswell, zen = json.loads(done.stdout)
+    assert not haswell["broken"] and not zen["broken"]
     if haswell["remark"]:
-        assert "this processor has no" in haswell["remark"]
+        # This processor cannot imitate it: nothing was chosen, nothing was run.
+        assert (haswell["chose"], haswell["passed"], haswell["skipped"]) == (None, 0, 0)
     else:
         assert haswell["passed"] == 2
-        assert zen["passed"] == 2 or zen["remark"] == "not run: chooses what Haswell chose"
+        again = zen["chose"] == haswell["chose"]
+        assert (zen["passed"], bool(zen["remark"])) == ((0, True) if again else (2, False))
 
 
 def test_bad_input_is_one_line(tmp_path):
     done = run(SWEEP, "--only", "Z80")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("--only: 'Z80' is none of native, ")
+    with pytest.raises(CpuTypeError) as caught:
+        chosen(["Z80"], combinations())
+    assert done.stderr == f"--only: {caught.value}\n"
+    assert "'Z80'" in done.stderr and all(one.name in done.stderr for one in combinations())
     assert len(done.stderr.splitlines()) == 1
-    done = run(SWEEP, "--only", "native", tmp_path / "nothing.py")
-    assert done.returncode == 1 and "pytest ended with code 4" in done.stdout
+    done = run(SWEEP, "--only", "native", tmp_path / "nothing.py", "--json")
+    (native,) = json.loads(done.stdout)
+    assert (done.returncode, native["broken"]) == (1, True)
+    assert (native["passed"], native["failed"]) == (0, [])
+    assert f"code {pytest.ExitCode.USAGE_ERROR:d}:" in native["remark"]
 
 
 @pytest.mark.slow

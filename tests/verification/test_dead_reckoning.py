@@ -12,24 +12,24 @@ LOST = ("{what: gps, kind: loss, start_s: 12.0}",)
 
 @pytest.mark.parametrize("gps", ["rtk", "standalone"])
 def test_the_budget_is_what_the_filter_says_without_fixes(gps):
-    given = dead_reckoning.settings(gps, 12.0, 1)
-    loop = build(given)
-    fly_loop(loop, given)
+    settings = dead_reckoning.settings(gps, 12.0, 1)
+    loop = build(settings)
+    fly_loop(loop, settings)
     begin = dead_reckoning.start(loop)
-    given = dead_reckoning.settings(gps, 42.5, 1, LOST)
-    record = fly_loop(build(given), given).record
+    settings = dead_reckoning.settings(gps, 42.5, 1, LOST)
+    record = fly_loop(build(settings), settings).record
     before = record.nav_sigma_pos_m[1199, 0]
     for t in (10.0, 30.0):
-        said = record.nav_sigma_pos_m[round(100 * (12.0 + t)), 0]
-        found = dead_reckoning.parts(begin, t)
-        assert np.hypot(found["all"], before) == pytest.approx(said, rel=0.06)
+        sigma_m = record.nav_sigma_pos_m[round(100 * (12.0 + t)), 0]
+        budget = dead_reckoning.parts(begin, t)
+        assert np.hypot(budget["all"], before) == pytest.approx(sigma_m, rel=0.06)
         assert dead_reckoning.with_drag(begin, t, np.inf, 1.0) == pytest.approx(
-            found["all"], rel=0.02
+            budget["all"], rel=0.02
         )
         # Gusts that are nothing leave of the speed at the last fix what tilt and gyros do not tell.
         least = t / np.sqrt(np.linalg.inv(begin.cov)[0, 0])
-        assert 0.99 * least < dead_reckoning.with_drag(begin, t, 0.0, 1.0) < found["velocity"]
-        assert found["velocity"] < dead_reckoning.with_drag(begin, t, 0.8, 11.0) < found["all"]
+        assert 0.99 * least < dead_reckoning.with_drag(begin, t, 0.0, 1.0) < budget["velocity"]
+        assert budget["velocity"] < dead_reckoning.with_drag(begin, t, 0.8, 11.0) < budget["all"]
 
 
 def test_the_worst_of_ten_is_that_of_drawn_ones():

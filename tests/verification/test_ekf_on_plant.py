@@ -55,14 +55,14 @@ def test_position_is_better_than_the_receivers_own_on_20_seeds(gps, record):
 
     A fix's error does not depend on the motion, so the fixes of an aircraft that is held tell it.
     """
-    found, own = [], []
+    errors, fix_errors = [], []
     for seed in range(1, 21):
-        found.append(flown(gps, seed)[0])
+        errors.append(flown(gps, seed)[0])
         config = PlantConfig.from_parameters(resolve("hover", gps=gps, seed=seed).nodes["plant"])
         y = record(config, 6000, seed)
         fixes = y[(y[:, 18] == 1.0) & (y[:, 19] >= 500)]
-        own.append(fixes[:, 10:13] - config.pos_ned_m)
-    assert np.all(rms(np.concatenate(found)) < rms(np.concatenate(own)))
+        fix_errors.append(fixes[:, 10:13] - config.pos_ned_m)
+    assert np.all(rms(np.concatenate(errors)) < rms(np.concatenate(fix_errors)))
 
 
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])

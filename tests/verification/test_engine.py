@@ -201,9 +201,9 @@ def test_energy_of_engine_is_that_of_motion_and_what_the_air_takes(bare):
         taken.append(power - thrust * climb)
     kinetic = 0.5 * 9.75 * w**2 + 0.5 * J * omega**2
     gained = kinetic[-1] - kinetic[0] - 9.75 * 9.781 * np.trapezoid(w, t)
-    given = MAX_W * np.trapezoid(engine, t)
+    supplied = MAX_W * np.trapezoid(engine, t)
     assert -w[-1] > 1.0
-    assert given == pytest.approx(gained + np.trapezoid(taken, t), rel=1e-5)
+    assert supplied == pytest.approx(gained + np.trapezoid(taken, t), rel=1e-5)
 
 
 def test_angular_momentum_about_the_shaft_is_kept(on):

@@ -35,8 +35,8 @@ COLUMNS = {"A": STATE_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}
 
 # Published entries that the equations do not give: (matrix, row, column) -> ours.
 KNOWN = {
-    tuple(re.match(r"(\w)\((\w+), (\w+)\)", entry).groups()): found["ours"]
-    for entry, found in yaml.safe_load((DATA / "known_deviations.yaml").read_text()).items()
+    tuple(re.match(r"(\w)\((\w+), (\w+)\)", entry).groups()): values["ours"]
+    for entry, values in yaml.safe_load((DATA / "known_deviations.yaml").read_text()).items()
 }
 
 

@@ -66,9 +66,9 @@ def test_blocked_satellites_are_poisson(plant_config, mean):
     blocked, _, _ = run_gps(config, n)
     law = stats.poisson(mean).pmf(np.arange(13))
     law /= law.sum()
-    found = np.bincount(blocked.astype(int), minlength=13) / n
+    frequencies = np.bincount(blocked.astype(int), minlength=13) / n
     independent = n / (2.0 * 10.0 / 0.2)
-    assert (abs(found - law) < 5.0 * np.sqrt(law * (1.0 - law) / independent) + 1e-3).all()
+    assert (abs(frequencies - law) < 5.0 * np.sqrt(law * (1.0 - law) / independent) + 1e-3).all()
     if mean < 3.0:
         lag = round(10.0 / 0.2)
         centred = blocked - blocked.mean()

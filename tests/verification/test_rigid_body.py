@@ -42,8 +42,8 @@ def elliptic_rates(t, inertia, rates):
     modulus = (i2 - i1) * (energy2 * i3 - m2) / ((i3 - i2) * (m2 - energy2 * i1))
     phase = ellipkinc(np.arctan2(start[1] / size[1], start[0] / size[0]), modulus)
     sn, cn, dn, _ = ellipj(phase + speed * t, modulus)
-    found = size * [cn, sn, dn]
-    return found[::-1] if flip else found
+    sorted_rates = size * [cn, sn, dn]
+    return sorted_rates[::-1] if flip else sorted_rates
 
 
 def independent_attitude(inertia, rates, R_nb, seconds):

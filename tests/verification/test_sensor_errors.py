@@ -75,8 +75,8 @@ def test_vibration_is_a_line_at_its_alias(plant_config, record, kind, per_turn):
     )
     y = record(config, 6000)
     for axis, amplitude in enumerate([*force, *rate]):
-        found, rest = line(y[:, axis], alias_hz(per_turn * ROTOR_HZ))
-        assert found == pytest.approx(amplitude, rel=1e-9)
+        fitted, rest = line(y[:, axis], alias_hz(per_turn * ROTOR_HZ))
+        assert fitted == pytest.approx(amplitude, rel=1e-9)
         assert rest < 1e-9
         rms = (y[:, axis] - y[:, axis].mean()).std()
         assert rms == pytest.approx(amplitude / np.sqrt(2.0), rel=1e-3)
@@ -98,8 +98,8 @@ def test_vibration_follows_the_rotor_that_droops(plant_config, record):
     config = plant_config(**STILL, **shaken)
     state = initial_state(config, 1)
     state.x[PLANT.omega] = 170.0
-    found, rest = line(record(config, 2000, state=state)[:, 0], 170.0 / (2.0 * np.pi))
-    assert found == pytest.approx(1.0, rel=1e-6) and rest < 1e-6
+    fitted, rest = line(record(config, 2000, state=state)[:, 0], 170.0 / (2.0 * np.pi))
+    assert fitted == pytest.approx(1.0, rel=1e-6) and rest < 1e-6
 
 
 def test_filters_of_the_imu_attenuate_before_sampling(plant_config):
@@ -129,8 +129,8 @@ def test_filtered_vibration_is_what_is_read(plant_config, record, filter_, of_re
     for kind, per_turn, left in (("rev", 1, of_rev), ("blade", 2, of_blade)):
         changes = {f"sensors__imu__vibration__{kind}_mps2": [1.0, 1.0, 1.0]}
         config = plant_config(**STILL, **changes, **filter_)
-        found, _ = line(record(config, 4000)[:, 2], alias_hz(per_turn * ROTOR_HZ))
-        assert found == pytest.approx(left, abs=5e-4)
+        fitted, _ = line(record(config, 4000)[:, 2], alias_hz(per_turn * ROTOR_HZ))
+        assert fitted == pytest.approx(left, abs=5e-4)
 
 
 @pytest.mark.parametrize("ticks", [1, 7, 50])
@@ -140,10 +140,10 @@ def test_allan_deviation_of_the_vibration(plant_config, record, ticks):
     rate = record(config, 40_000)[:, 3]
     n = rate.size // ticks
     means = rate[: n * ticks].reshape(n, ticks).mean(axis=1)
-    found = np.sqrt(0.5 * (np.diff(means) ** 2).mean())
+    deviation = np.sqrt(0.5 * (np.diff(means) ** 2).mean())
     f = alias_hz(2.0 * ROTOR_HZ) / TICK_HZ
     expected = 0.2 * np.sin(np.pi * f * ticks) ** 2 / (ticks * np.sin(np.pi * f))
-    assert found == pytest.approx(expected, rel=0.03)
+    assert deviation == pytest.approx(expected, rel=0.03)
 
 
 def test_scale_and_misalignment(plant_config, record):
@@ -168,8 +168,8 @@ def test_scale_and_misalignment(plant_config, record):
     beside = ~np.eye(3, dtype=bool)
     for sensor, scale, misaligned in ((0, 0.02, 0.003), (1, 0.01, 0.005)):
         entries = np.array([e[sensor] for e in drawn])
-        found = entries[:, ~beside].std(), entries[:, beside].std()
-        for value, sigma, count in zip(found, (scale, misaligned), (600, 1200), strict=True):
+        deviations = entries[:, ~beside].std(), entries[:, beside].std()
+        for value, sigma, count in zip(deviations, (scale, misaligned), (600, 1200), strict=True):
             assert abs(value / sigma - 1.0) < SIGMAS / np.sqrt(2.0 * count)
 
 

@@ -53,8 +53,8 @@ def test_allan_deviation_of_the_white_noise(imu, seconds, kind, density, ticks):
     for axis in IMU_AXES[kind]:
         time_s = ticks / 100.0
         expected = np.hypot(density / np.sqrt(time_s), walk * np.sqrt(time_s / 3.0))
-        found = allan_deviation(y[:, axis], ticks)
-        assert abs(found / expected - 1.0) < SIGMAS * error, axis
+        deviation = allan_deviation(y[:, axis], ticks)
+        assert abs(deviation / expected - 1.0) < SIGMAS * error, axis
 
 
 @pytest.mark.parametrize("seconds", LENGTHS)
@@ -67,9 +67,9 @@ def test_allan_deviation_of_the_bias_walk(imu, seconds, kind, walk):
     """
     y, ticks = imu(seconds, 100.0), 2000
     expected = np.hypot(walk * np.sqrt(20.0 / 3.0), walk / np.sqrt(20.0))
-    found = np.mean([allan_deviation(y[:, axis], ticks) ** 2 for axis in IMU_AXES[kind]])
+    variance = np.mean([allan_deviation(y[:, axis], ticks) ** 2 for axis in IMU_AXES[kind]])
     error = np.sqrt(1.125 / (2.0 * 3.0 * (seconds // 20 - 1)))
-    assert abs(np.sqrt(found) / expected - 1.0) < SIGMAS * error
+    assert abs(np.sqrt(variance) / expected - 1.0) < SIGMAS * error
 
 
 # --- GPS -----------------------------------------------------------------------------------------

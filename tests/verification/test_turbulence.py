@@ -116,17 +116,19 @@ def test_correlation_length_is_that_of_the_standard(air, seconds, axis, lag):
     sigma, length = standard(10.0)
     tau = length[axis] / SPEED
     shift = round(lag * tau / TICK_S)
-    found = (wind[shift:] * wind[:-shift]).mean() / sigma[axis] ** 2
+    coefficient = (wind[shift:] * wind[:-shift]).mean() / sigma[axis] ** 2
     error = standard_error(seconds, tau, axis)
-    assert abs(found - correlation(shift * TICK_S / tau, axis)) < SIGMAS * error
+    assert abs(coefficient - correlation(shift * TICK_S / tau, axis)) < SIGMAS * error
 
 
 @pytest.mark.parametrize("seconds", LENGTHS)
 def test_components_are_uncorrelated(air, seconds):
     """Along, across, down: no cross correlation; 3.5 standard errors of the slower one."""
     wind = air(seconds)
-    found = np.corrcoef(wind.T)[np.triu_indices(3, 1)]
-    assert np.abs(found).max() < SIGMAS * standard_error(seconds, standard(10.0)[1][0] / SPEED, 0)
+    coefficients = np.corrcoef(wind.T)[np.triu_indices(3, 1)]
+    assert np.abs(coefficients).max() < SIGMAS * standard_error(
+        seconds, standard(10.0)[1][0] / SPEED, 0
+    )
 
 
 def test_mean_wind_over_a_climb_is_the_profile(plant_config, record):

@@ -2,6 +2,7 @@
 """Faults: what each does to the samples and commands of its time, and to nothing else."""
 
 import math
+import re
 
 import numba
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from heli_core.errors import ParameterCause as Cause
 from heli_core.errors import ParameterError, PlantConfigError
-from heli_core.faults import KINDS, NONE, Fault, begun, faults_of
+from heli_core.faults import KINDS, NONE, PAST_S, PLACES, Fault, begun, faults_of
 from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
+from heli_core.ticks import TICKS_PER_S
 from heli_dynamics_sim.faults import FaultLog
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import advance, initial_state, measure
@@ -28,9 +30,9 @@ WHOLE = {**NUMBERS, "gps": slice(MEAS.gps_pos.start, MEAS.gps_vel.stop)}
 
 
 def text(what, kind, value="", until=True):
-    said = f"{{what: {what}, kind: {kind}, start_s: {BEGIN / 100}"
-    said += f", duration_s: {(END - BEGIN) / 100}" if until else ""
-    return said + (f", value: {value}}}" if value else "}")
+    mapping = f"{{what: {what}, kind: {kind}, start_s: {BEGIN / 100}"
+    mapping += f", duration_s: {(END - BEGIN) / 100}" if until else ""
+    return mapping + (f", value: {value}}}" if value else "}")
 
 
 @pytest.fixture(scope="module")
@@ -253,8 +255,9 @@ def test_an_engine_that_stops_stays_off(plant_config, parameters):
     cleared = config.in_flight(parameters(terms__rotor_speed=True))
     measure(states[0], BEGIN + 30, np.zeros(NOISE.size), cleared.params, np.zeros(MEAS.size))
     assert states[0].x[PLANT.engine_out] == 1.0
-    with pytest.raises(PlantConfigError, match="what: engine is not allowed while terms"):
+    with pytest.raises(PlantConfigError) as caught:
         plant_config(faults=(stops,))
+    assert (caught.value.cause, caught.value.key) == (Cause.CONFLICT, "faults: what")
 
 
 def test_faults_that_are_over_or_far_leave_every_bit(flown, clean):
@@ -288,9 +291,9 @@ def test_a_fault_reads_back_as_it_was_written(fault):
 def test_what_has_no_beginning_begins_now_and_the_rest_stays_as_it_was_written():
     texts = ("{what: gps, kind: loss, start_s: 3}", "{what: baro, kind: zero}", NONE,
              "{kind: gust, start_s: now, what: wind, duration_s: 2, value: [1, 2, 3]}")  # fmt: skip
-    found = begun(texts, 7.25)
-    assert (found[0], found[2]) == (texts[0], NONE)
-    assert faults_of(found)[1:] == (
+    started = begun(texts, 7.25)
+    assert (started[0], started[2]) == (texts[0], NONE)
+    assert faults_of(started)[1:] == (
         Fault("baro", "zero", 7.25), Fault("wind", "gust", 7.25, 2.0, (1.0, 2.0, 3.0)),
     )  # fmt: skip
     for text in texts[1::2]:
@@ -304,11 +307,11 @@ def test_the_log_tells_what_came_and_what_was_taken_back_before_its_end():
     log, over, lasts = FaultLog(), Fault("gps", "loss", 1.0, 1.0), Fault("baro", "loss", 1.0)
     log.change((), (over, lasts), 1.0)
     assert log.facts((over, lasts), 3.0) == {
-        "faults": "baro loss from 1 s on",
-        "faults_in_flight": "gps loss from 1 to 2 s; baro loss from 1 s on",
+        "faults": lasts.words,
+        "faults_in_flight": f"{over.words}; {lasts.words}",
     }
     log.change((over, lasts), (), 3.0)
-    assert log.lines[2:] == ["baro loss from 1 s on, cleared at 3 s"]
+    assert log.lines[2:] == [f"{lasts.words}, cleared at 3 s"]
     for at in range(1000):
         log.change((), (Fault("gps", "nan", float(at)),), float(at))
     assert len(log.lines) == 200 and log.lines[-1] == "and more"
@@ -402,9 +405,11 @@ def test_bad_faults_are_one_sentence(wrong, cause, key):
 def test_a_refusal_says_what_is_allowed_and_what_was_meant():
     with pytest.raises(ParameterError) as caught:
         faults_of(["{what: gps, kind: los, start_s: 1.0}"])
-    assert str(caught.value).startswith(
-        "faults: entry 1: of gps: kind: los is not allowed: did you mean loss?; allowed: one of "
-    )
+    refusal = caught.value
+    assert refusal.where.split(": ") == ["faults", "entry 1", "of gps"]
+    assert (refusal.cause, refusal.key, refusal.value) == (Cause.CHOICE, "kind", "los")
+    assert refusal.allowed == f"one of {', '.join(PLACES['gps'].kinds)}"
+    assert set(re.findall(r"\w+", refusal.problem)) & set(PLACES["gps"].kinds) == {"loss"}
     with pytest.raises(ParameterError) as caught:
         faults_of(["{what: gps, kind: loss, start_s: 1.0, value: 1.5}"])
     assert caught.value.allowed == KINDS["loss"].allowed
@@ -414,9 +419,13 @@ def test_a_refusal_says_what_is_allowed_and_what_was_meant():
 
 
 def test_samples_too_old_to_be_remembered_are_refused(plant_config):
-    slow = {"sensors__gps__period_ticks": 50}
-    with pytest.raises(PlantConfigError, match=r"gps reorder: its samples are 0\.5 s apart"):
-        plant_config(faults=(text("gps", "reorder"),), **slow)
+    """Three periods have to fit into what is remembered; to the tick."""
+    fault, longest = text("gps", "reorder"), int(PAST_S * TICKS_PER_S / 3)
+    plant_config(faults=(fault,), sensors__gps__period_ticks=longest)
+    with pytest.raises(PlantConfigError) as caught:
+        plant_config(faults=(fault,), sensors__gps__period_ticks=longest + 1)
+    assert str(caught.value).split(": ")[:3] == ["faults", "entry 1", "gps reorder"]
+    assert f" {(longest + 1) / TICKS_PER_S:g} s " in str(caught.value)
 
 
 def test_there_may_not_be_too_many():

@@ -13,8 +13,12 @@ from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
 from std_srvs.srv import Trigger
 
 from heli_core import command_line
+from heli_core.errors import ParameterCause as Cause
+from heli_core.errors import ParameterError
+from heli_core.faults import Fault, faults_of
 from heli_core.ticks import TICK_NS
 from heli_dynamics_sim.config import message_variances
+from heli_dynamics_sim.faults import FaultLog
 from heli_dynamics_sim.node import PlantNode
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
@@ -149,8 +153,9 @@ def test_a_fault_without_a_beginning_begins_when_the_plant_hears_of_it(bench):
         one.fly()
         for tick in range(20):
             one.send(topics.ACTUATORS, tick, U)
-    assert with_faults(plant, "{what: imu, kind: bias, value: [1, 0, 0, 0, 0, 0], duration_s: 0.1}",
-                       "{what: baro, kind: loss, start_s: now}").successful  # fmt: skip
+    texts = ("{what: imu, kind: bias, value: [1, 0, 0, 0, 0, 0], duration_s: 0.1}",
+             "{what: baro, kind: loss, start_s: now}")  # fmt: skip
+    assert with_faults(plant, *texts).successful
     later = "start_s: 0.21"
     begun = plant.node.get_parameter("faults").value
     assert len(begun) == 2 and all(later in text for text in begun)
@@ -162,18 +167,24 @@ def test_a_fault_without_a_beginning_begins_when_the_plant_hears_of_it(bench):
     np.testing.assert_array_equal(imu, from_file.sent[topics.IMU])
     felt = np.flatnonzero(np.abs(np.diff(imu[:, 0])) > 0.5) + 1
     assert felt.tolist() == [21, 31]
-    facts = plant.node._facts_now()
-    assert facts["faults"] == "baro loss from 0.21 s on"
-    assert facts["faults_in_flight"].startswith("imu bias 1, 0, 0, 0, 0, 0 from 0.21 to 0.31 s; ")
+    facts, (imu_bias, baro_loss) = plant.node._facts_now(), faults_of(begun)
+    assert (imu_bias.start_s, imu_bias.end_s) == pytest.approx((0.21, 0.31))
+    assert facts["faults"] == baro_loss.words
+    assert facts["faults_in_flight"] == f"{imu_bias.words}; {baro_loss.words}"
 
 
-def test_a_bad_fault_changes_nothing_and_is_told_in_a_sentence(bench):
+@pytest.mark.parametrize(
+    ("bad", "cause"),
+    [("{what: gps, kind: melts}", Cause.CHOICE), ("{what: gps", Cause.SYNTAX)],
+)
+def test_a_bad_fault_changes_nothing_and_is_told_in_a_sentence(bench, bad, cause):
     plant = bench(PlantNode)
     plant.fly()
-    refused = with_faults(plant, "{what: gps, kind: melts}")
-    assert not refused.successful and "melts is not allowed" in refused.reason
-    refused = with_faults(plant, "{what: gps")
-    assert not refused.successful and "not valid YAML" in refused.reason
+    with pytest.raises(ParameterError) as caught:
+        faults_of([bad])
+    refused = with_faults(plant, bad)
+    assert not refused.successful and caught.value.cause is cause
+    assert str(caught.value) in refused.reason
     assert plant.node.core.config.faults == () and "faults" not in plant.node._facts_now()
 
 
@@ -181,12 +192,14 @@ def test_faults_are_cleared_by_a_service(bench):
     plant = bench(PlantNode)
     plant.fly()
     answer = called(plant, Trigger, "clear_faults", Trigger.Request())
-    assert answer.success and answer.message == "there was no fault"
-    assert with_faults(plant, "{what: baro, kind: loss}").successful
+    assert answer.success and answer.message == FaultLog.cleared((), 0.0)
+    loss = Fault("baro", "loss", 0.01)
+    assert with_faults(plant, f"{{what: {loss.what}, kind: {loss.kind}}}").successful
     plant.send(topics.ACTUATORS, 0, U)
-    assert plant.node.health.message == "fault: baro loss"
+    assert plant.node.core.config.faults == (loss,)
+    assert plant.node.health.message == f"fault: {loss.what} {loss.kind}"
     answer = called(plant, Trigger, "clear_faults", Trigger.Request())
-    assert answer.success and answer.message == "cleared: baro loss from 0.01 s on"
+    assert answer.success and answer.message == f"cleared: {loss.words}"
     plant.send(topics.ACTUATORS, 1, U)
     assert plant.node.health.message == "flying" and plant.node.core.config.faults == ()
     facts = plant.node._facts_now()

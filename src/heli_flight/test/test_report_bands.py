@@ -173,8 +173,9 @@ def test_the_page_tells_them_and_when(flown):
     text = render(report, charts, None)
     keys = [band for band in legend(bands) if band.kind == "fault"]
     details = {key.name: key.detail for key in keys}
-    assert details["fault: gps loss"] == "2.00 to 5.00 s"
-    assert details["fault: <kill>"] == "at 1.00 s"
+    loss, kill = (next(band for band in bands if band.name == n) for n in ("gps loss", "<kill>"))
+    assert details[f"fault: {loss.name}"] == "2.00 to 5.00 s"
+    assert details[f"fault: {kill.name}"] == "at 1.00 s"
     for key in keys:
         assert f'title="{key.detail}">{html.escape(key.name)}</span>' in text
     assert "<kill>" not in text

@@ -18,6 +18,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import encode_reference, key_of
 from heli_msgs_bridge.diagnostics import FACT_WAYS, Level
 from heli_msgs_bridge.layouts import CHANNELS
+from heli_outer_pd.commands import Commands
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.node import OuterLoopNode
@@ -345,5 +346,8 @@ def test_in_the_attitude_test_there_is_no_position_to_go_to(bench):
     outer = bench(OuterLoopNode, horizontal="level")
     outer.fly()
     fly_ticks(outer, range(8))
+    with pytest.raises(ReferenceRefused) as caught:
+        Commands(outer.node)._goal_of(pose(outer), topics.GOTO)
+    assert caught.value.cause is RefusalCause.NO_POSITION_LOOP
     outer.receive(topics.GOTO, pose(outer))
-    assert outer.node.core.refused[topics.GOTO].startswith("goto: horizontal is ")
+    assert outer.node.core.refused[topics.GOTO] == f"goto: {caught.value}"
