@@ -306,7 +306,7 @@ class GoalLimits:
 
 
 class Actuator(Protocol):
-    """What carries out what the desk decides."""
+    """What carries out what the manager decides."""
 
     def send(self, command: str, goal_id: str, argument: Any) -> None:
         """Send a command with an id to the outer loop."""
@@ -373,7 +373,7 @@ class GoalManager:
 
     # --- from clients ----------------------------------------------------------------------------
 
-    def take(self, key: str, order: GoalRequest) -> None:
+    def accept(self, key: str, order: GoalRequest) -> None:
         """A goal has come: ask the outer loop for it, once the one before is answered."""
         if self._next is not None:
             self._preempt(self._next, order.kind)
@@ -384,13 +384,13 @@ class GoalManager:
         """A client has cancelled a goal."""
         for goal in self.goals:
             if goal.key == key:
-                self._happens(goal, GoalEvent.CANCEL, f"{goal.order.kind}: cancelled")
+                self._on_event(goal, GoalEvent.CANCEL, f"{goal.order.kind}: cancelled")
 
     def close(self) -> None:
         """No goal is looked after any more."""
         for goal in self.goals:
             kind = goal.order.kind
-            self._happens(
+            self._on_event(
                 goal, GoalEvent.CLOSED, f"{kind}: the node is deactivated; the flight goes on"
             )
 
@@ -400,13 +400,13 @@ class GoalManager:
         """Navigation has come; as `FlightStatus.odom`, which also sees another flight begin."""
         if stamp_ns < self._flight.odom_ns - NS_PER_S:
             for goal in self.goals:
-                self._happens(
+                self._on_event(
                     goal, GoalEvent.SILENT, f"{goal.order.kind}: another flight has begun"
                 )
             self._flight.begin_anew()
         self._flight.odom(stamp_ns, pos_ned_m, quat, wall_s)
 
-    def look(self, wall_s: float) -> None:
+    def update(self, wall_s: float) -> None:
         """Draw the conclusions from what is seen; call it often."""
         self._wall_s = wall_s
         for goal in self.goals:
@@ -451,7 +451,7 @@ class GoalManager:
         flight, limits, kind = self._flight, self.limits, goal.order.kind
         if self._wall_s - max(flight.odom_wall_s, flight.outer_loop_wall_s) > limits.wall_silence_s:
             wall = f"for {limits.wall_silence_s:g} s of wall time"
-            self._happens(goal, GoalEvent.SILENT, f"{kind}: nothing of the flight is heard {wall}")
+            self._on_event(goal, GoalEvent.SILENT, f"{kind}: nothing of the flight is heard {wall}")
             return
         for name, last_ns, last_wall_s in (
             ("navigation", flight.odom_ns, flight.odom_wall_s),
@@ -462,7 +462,7 @@ class GoalManager:
             )
             if silent_s > limits.silence_s:
                 silence = f"nothing is heard of {name} for {limits.silence_s:g} s"
-                self._happens(goal, GoalEvent.SILENT, f"{kind}: {silence}")
+                self._on_event(goal, GoalEvent.SILENT, f"{kind}: {silence}")
                 return
 
     def _passed_s(self, since_ns: int, since_wall_s: float) -> float:
@@ -475,10 +475,10 @@ class GoalManager:
             done = answer.state != GoalState.REFUSED
             if goal.stage in _CANCELLED:
                 goal.note = "" if done else f"; not cancelled: {answer.sentence}"
-            self._happens(goal, GoalEvent.GRANTED if done else GoalEvent.REFUSED, answer.sentence)
+            self._on_event(goal, GoalEvent.GRANTED if done else GoalEvent.REFUSED, answer.sentence)
         elif self._passed_s(goal.asked_ns, goal.asked_wall_s) > self.limits.answer_s:
             silence = f"no answer of the outer loop in {self.limits.answer_s:g} s"
-            self._happens(goal, GoalEvent.UNANSWERED, f"{kind}: {silence}")
+            self._on_event(goal, GoalEvent.UNANSWERED, f"{kind}: {silence}")
         elif self._wall_s - goal.sent_wall_s > _AGAIN_S:
             self._send(goal)
 
@@ -488,15 +488,15 @@ class GoalManager:
             return
         if answer.state == GoalState.LEFT or flight.mode == NodeState.INACTIVE:
             sentence = f"{kind}: left for mode {flight.mode} ({flight.sentence})"
-            self._happens(goal, GoalEvent.LEFT, sentence)
+            self._on_event(goal, GoalEvent.LEFT, sentence)
         elif answer.state == GoalState.SUCCEEDED:
             self._look_at_the_end(goal)
         elif answer.state == GoalState.PREEMPTED:
-            self._happens(goal, GoalEvent.PREEMPTED, f"{kind}: another goal took its place")
+            self._on_event(goal, GoalEvent.PREEMPTED, f"{kind}: another goal took its place")
         elif answer.state == GoalState.REPLACED:
             north, east, down = answer.end_ned_m or (np.nan,) * 3
             to = f"{east:.2f} m east, {north:.2f} m north, {-down:.2f} m high"
-            self._happens(goal, GoalEvent.REPLACED, f"{kind}: another way is flown, to {to}")
+            self._on_event(goal, GoalEvent.REPLACED, f"{kind}: another way is flown, to {to}")
         elif kind in (Kind.GOTO, Kind.FOLLOW):
             self._look_along_the_way(goal, answer.end_ns)
 
@@ -505,9 +505,9 @@ class GoalManager:
         kind, left_m = goal.order.kind, self._left_m(goal)
         if kind == Kind.TAKEOFF and left_m > self.limits.tolerance_m:
             sentence = f"{kind}: hovers, with {left_m:.1f} m left to climb"
-            self._happens(goal, GoalEvent.LATE, sentence)
+            self._on_event(goal, GoalEvent.LATE, sentence)
         else:
-            self._happens(goal, GoalEvent.DONE, f"{kind}: done, mode {self._flight.mode}")
+            self._on_event(goal, GoalEvent.DONE, f"{kind}: done, mode {self._flight.mode}")
 
     def _look_along_the_way(self, goal: ActiveGoal, end_ns: int | None) -> None:
         flight, limits, kind = self._flight, self.limits, goal.order.kind
@@ -515,16 +515,16 @@ class GoalManager:
         if end_ns is None or flight.odom_ns < end_ns:
             return
         if left_m <= limits.tolerance_m:
-            self._happens(goal, GoalEvent.DONE, f"{kind}: there, {left_m:.2f} m off")
+            self._on_event(goal, GoalEvent.DONE, f"{kind}: there, {left_m:.2f} m off")
         elif flight.odom_ns > end_ns + round(limits.patience_s * NS_PER_S):
             sentence = (
                 f"{kind}: {left_m:.2f} m off {limits.patience_s:g} s after the end of its way"
             )
-            self._happens(goal, GoalEvent.LATE, f"{sentence}; allowed: {limits.tolerance_m:g} m")
+            self._on_event(goal, GoalEvent.LATE, f"{sentence}; allowed: {limits.tolerance_m:g} m")
 
     # --- the table -------------------------------------------------------------------------------
 
-    def _happens(self, goal: ActiveGoal, event: GoalEvent, sentence: str) -> None:
+    def _on_event(self, goal: ActiveGoal, event: GoalEvent, sentence: str) -> None:
         """Go on as the table says."""
         row = row_of(goal.order.kind, goal.stage, event)
         if row is None or goal not in self.goals:
@@ -545,7 +545,7 @@ class GoalManager:
         if goal is None or self._asked is not None:
             return
         self._asked, self._next = goal, None
-        self._happens(goal, GoalEvent.TURN, "")
+        self._on_event(goal, GoalEvent.TURN, "")
         self._ask(goal, goal.order.kind)
 
     def _ask(self, goal: ActiveGoal, command: str) -> None:
@@ -565,7 +565,7 @@ class GoalManager:
         self._flown, self._asked = goal, None
 
     def _preempt(self, goal: ActiveGoal, by: Kind) -> None:
-        self._happens(goal, GoalEvent.PREEMPTED, f"{goal.order.kind}: {by} took its place")
+        self._on_event(goal, GoalEvent.PREEMPTED, f"{goal.order.kind}: {by} took its place")
 
     def _forget(self, goal: ActiveGoal) -> None:
         self._asked = None if self._asked is goal else self._asked

@@ -121,7 +121,7 @@ def _end(outcome: GoalStatus, result: Any, goal_handle: Any) -> Any:
 
 
 # -------------------------------------------------------------------------------------------------
-# Between the actions' messages and the desk. The types are given, so no ROS is imported here.
+# Between the actions' messages and the goal manager. The types are given: no ROS is imported here.
 # -------------------------------------------------------------------------------------------------
 
 PACKAGE = "heli_interfaces"
@@ -243,7 +243,7 @@ class Serving:
         When feedback was sent last, wall time.
     """
 
-    desk: GoalManager
+    manager: GoalManager
     flight: FlightStatus
     interfaces: Interfaces
     publish: Callable[[Any], None]
@@ -278,8 +278,8 @@ class ActionsNode(ManagedNode[Serving, None]):
         cls = topics.message_class(topics.BY_NAME[topics.GOAL].type)
         publisher = self.create_publisher(cls, topics.GOAL, topics.qos(topics.GOAL))
         self.at_end(partial(self.destroy_publisher, publisher))
-        desk = GoalManager(self, flight, self._limits(self.values))
-        core = Serving(desk, flight, interfaces, publisher.publish)
+        manager = GoalManager(self, flight, self._limits(self.values))
+        core = Serving(manager, flight, interfaces, publisher.publish)
         best_effort = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
         )
@@ -297,12 +297,12 @@ class ActionsNode(ManagedNode[Serving, None]):
 
     def disengage(self) -> None:
         """Let go of the goals; the flight goes on."""
-        self.core.desk.close()
+        self.core.manager.close()
 
     def _limits(self, values: Mapping[str, Any]) -> GoalLimits:
         return GoalLimits(**{row.name: values[row.name] for row in fields(GoalLimits)})
 
-    # --- what the desk has done ------------------------------------------------------------------
+    # --- what the goal manager has done ----------------------------------------------------------
 
     def send(self, command: str, goal_id: str, argument: Any) -> None:
         """Send a command with an id to the outer loop."""
@@ -332,10 +332,10 @@ class ActionsNode(ManagedNode[Serving, None]):
         except MessageError as error:
             self.finish(key, GoalStatus.ABORTED, Code.REFUSED, str(error))
             return
-        core.desk.take(key, order)
+        core.manager.accept(key, order)
 
     def _on_cancel(self, handle: Any) -> None:
-        self.core.desk.cancel(_id_of(handle))
+        self.core.manager.cancel(_id_of(handle))
 
     # --- from the flight -------------------------------------------------------------------------
 
@@ -367,20 +367,20 @@ class ActionsNode(ManagedNode[Serving, None]):
             return
         if np.isfinite(nav[NAV.pos]).all() and np.isfinite(nav[NAV.quat]).all():
             now = core.odom.stamp_ns, nav[NAV.pos], nav[NAV.quat], time.monotonic()
-            core.desk.odom(*now)
+            core.manager.odom(*now)
 
     # --- twenty times a second -------------------------------------------------------------------
 
     def _look(self) -> None:
         core, wall_s = self.core, time.monotonic()
         self._take_newest()
-        core.desk.look(wall_s)
+        core.manager.update(wall_s)
         if wall_s - core.feedback_wall_s >= self.values["feedback_period_s"]:
             core.feedback_wall_s = wall_s
             self._send_feedback()
 
     def _send_feedback(self) -> None:
-        latest = self.core.desk.feedback()
+        latest = self.core.manager.feedback()
         if latest is not None:
             key, kind, feedback = latest
             handle = self.core.handles[key][1]
@@ -390,7 +390,7 @@ class ActionsNode(ManagedNode[Serving, None]):
         """Once a second."""
         core = self.core
         self.tick = max(0, core.flight.now_ns - self.start_ns) // self.rate.tick_ns
-        goals = {goal.order.kind.value: goal.stage.value for goal in core.desk.goals}
+        goals = {goal.order.kind.value: goal.stage.value for goal in core.manager.goals}
         if self.active:
             self.report(Level.OK, "takes goals", goals)
 
@@ -401,7 +401,7 @@ class ActionsNode(ManagedNode[Serving, None]):
     def apply(self, judged: GoalLimits, changed: Collection[str]) -> None:
         """They hold for the goals that are under way, too."""
         if self.configured:
-            self.core.desk.limits = judged
+            self.core.manager.limits = judged
 
 
 def _id_of(handle: Any) -> str:

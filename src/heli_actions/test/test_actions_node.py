@@ -81,14 +81,14 @@ def test_what_is_no_goal_is_refused_with_a_result(alone):
 def test_limits_change_in_flight(alone):
     node, *_ = alone
     (result,) = node.set_parameters([rclpy.Parameter("answer_s", value=7.5)])
-    assert result.successful and node.core.desk.limits.answer_s == 7.5
+    assert result.successful and node.core.manager.limits.answer_s == 7.5
 
 
 def test_a_refusal_of_an_outer_loop_that_has_never_flown_is_heard(alone):
     """It tells no mode yet, but answers goals."""
     node, client, wait = alone
     handle = wait(client.send_goal_async(Fibonacci.Goal(order=1)))
-    (goal,) = node.core.desk.goals
+    (goal,) = node.core.manager.goals
     answer = GoalAnswer(goal.key, "takeoff", GoalState.REFUSED, "takeoff: not active")
     facts = [KeyValue(key=FACT_GOALS, value=goals_text([answer]))]
     node._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name="outer", values=facts)]))

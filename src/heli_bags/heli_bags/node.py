@@ -41,7 +41,7 @@ _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 _UNHEARD_S = 6.0
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
-_VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
+_DIAGNOSTIC_SENDERS, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
 @dataclass
@@ -72,7 +72,7 @@ class ConfiguredRecorder:
     """
 
     bag: BagRecorder
-    voices: DiagnosticSenders
+    diagnostic_senders: DiagnosticSenders
     subscriptions: dict[str, Any] = field(default_factory=dict)
     plain: list[Any] = field(default_factory=list)
     once: dict[str, DuplicateFilter] = field(default_factory=dict)
@@ -165,8 +165,10 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         """Who decides whose messages of a stream are recorded: a second sender's are not."""
         name = self.resolve_topic_name(row.name)
         silence_s, period_ns = self.values["peer_timeout_s"], row.period_ns(self.rate)
-        heir = successors_of(self, row.name)
-        return PublisherLock(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
+        successor = successors_of(self, row.name)
+        return PublisherLock(
+            lambda: self.count_publishers(name), silence_s, period_ns, successor=successor
+        )
 
     def _unsubscribe(self, core: ConfiguredRecorder) -> None:
         for subscription in (*core.subscriptions.values(), *core.plain):
@@ -227,8 +229,10 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             diagnostics = deserialize_message(raw, core.subscriptions[name].msg_type)
             number = info["publication_sequence_number"]
             for node, times in core.restarts.news().items():
-                core.voices.forget(node, times)
-            if not core.voices.hear([status.name for status in diagnostics.status], number):
+                core.diagnostic_senders.forget(node, times)
+            if not core.diagnostic_senders.admits(
+                [status.name for status in diagnostics.status], number
+            ):
                 self._name_strangers()
         try:
             core.bag.write(name, raw)
@@ -246,19 +250,21 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
 
     def _name_strangers(self) -> None:
         """Say who speaks in /diagnostics as if it were one of this aircraft's nodes."""
-        voices = self.core.voices
+        diagnostic_senders = self.core.diagnostic_senders
         senders = senders_of(self, topics.DIAGNOSTICS)
-        named = voices.strangers(sender for sender in senders if sender[1] != NOT_YET_NAMED)
+        named = diagnostic_senders.strangers(
+            sender for sender in senders if sender[1] != NOT_YET_NAMED
+        )
         nameless = any(name == NOT_YET_NAMED for _, name in senders)
         strangers = named or ([_NAMELESS] if nameless else [])
         if not strangers:
             return
         self.core.nameless = not named
-        names = ", ".join(sorted(voices.foreign))
+        names = ", ".join(sorted(diagnostic_senders.foreign))
         sentence = f"{topics.DIAGNOSTICS}: somebody else speaks as {names}: {', '.join(strangers)}"
-        if self.health.facts.get(_VOICES) != sentence:
+        if self.health.facts.get(_DIAGNOSTIC_SENDERS) != sentence:
             self.get_logger().warning(sentence)
-        self.health.facts[_VOICES] = sentence
+        self.health.facts[_DIAGNOSTIC_SENDERS] = sentence
 
     def _name_those_known_since(self) -> None:
         """A sender's name may come after the last of its messages."""

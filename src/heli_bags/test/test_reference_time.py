@@ -22,10 +22,10 @@ def hover(north_m):
     return encode_reference(Trajectory.hover(np.array([north_m, 0.0, -10.0]), 0.0))
 
 
-def diagnostics_message(ways, stamp_ns):
+def diagnostics_message(trajectories, stamp_ns):
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-    facts = [KeyValue(key=FACT_WAYS, value=str(ways))]
+    facts = [KeyValue(key=FACT_WAYS, value=str(trajectories))]
     message = DiagnosticArray(status=[DiagnosticStatus(name="heli/outer_loop", values=facts)])
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
     return serialize_message(message)
@@ -43,8 +43,8 @@ def recorded(folder, late, statuses):
         if tick == LATE_TICK:
             for message in late:
                 recorder.write(topics.REFERENCE, serialize_message(message))
-    for ways in statuses:
-        recorder.write(topics.DIAGNOSTICS, diagnostics_message(ways, stamp_ns))
+    for trajectories in statuses:
+        recorder.write(topics.DIAGNOSTICS, diagnostics_message(trajectories, stamp_ns))
     recorder.close()
     return [
         (round(since_ns / NS_PER_S, 2), way.points[0, 0].item())
@@ -52,19 +52,21 @@ def recorded(folder, late, statuses):
     ]
 
 
-def ways(*pairs):
+def trajectories(*pairs):
     return [[round(since_s * NS_PER_S), key_of(hover(north_m))] for since_s, north_m in pairs]
 
 
 def test_what_is_told_counts_and_else_when_it_was_recorded(tmp_path):
     late = [hover(1.0), hover(2.0), hover(3.0)]
-    dated = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0)), ways((1.7, 2.0))])
+    dated = recorded(
+        tmp_path / "b", late, [trajectories((1.2, 1.0), (1.7, 2.0)), trajectories((1.7, 2.0))]
+    )
     assert dated == [(1.2, 1.0), (1.7, 2.0), (3.5, 3.0)]
 
 
 def test_the_same_way_flown_again_counts_again(tmp_path):
     late = [hover(1.0), hover(2.0), hover(1.0)]
-    dated = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0), (2.4, 1.0))])
+    dated = recorded(tmp_path / "b", late, [trajectories((1.2, 1.0), (1.7, 2.0), (2.4, 1.0))])
     assert dated == [(1.2, 1.0), (1.7, 2.0), (2.4, 1.0)]
 
 

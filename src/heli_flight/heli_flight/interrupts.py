@@ -146,6 +146,8 @@ def run(load: Callable[[], Callable[[], int]]) -> int:
         return EXIT_CODE
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # One that was put off would come when nobody takes it any more.
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         # If the exception has passed through an exec(), Python would end by the signal, not with
         # the code; the next exec() makes it forget.
         exec("")

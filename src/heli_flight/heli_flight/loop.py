@@ -55,7 +55,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_hand
+from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_manual
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.links import (
     PLACE,
@@ -113,7 +113,7 @@ class TickRows(NamedTuple):
     outer_nav: np.ndarray  # (31,) navigation as the outer loop had it last
     x9: np.ndarray  # (9,) states as the inner loop knows them
     aim: np.ndarray  # (7,) what it is to hold, places of `estimate.COMMAND`
-    hand: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
+    manual: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
     u3: np.ndarray  # (3,) output of the attitude law
 
 
@@ -264,7 +264,7 @@ def guide(loop, tick, times_ns, points, setpoint):
     """The position law: attitude and collective (4,) to hold, a pilot's deflections."""
     now_ns, k = tick * loop.tick_ns, loop.outer_k
     outer.follow(loop.rows.outer_nav, now_ns, times_ns, points, k, loop.outer_s, setpoint)
-    manual_deflections(loop.outer_s, loop.rows.hand)
+    manual_deflections(loop.outer_s, loop.rows.manual)
 
 
 @njit
@@ -272,14 +272,14 @@ def listen(loop, links, tick, setpoint):
     """The inner loop hears: `rows.x9` is where it is, `rows.aim` what it is to hold."""
     nav, box, to, rows = loop.rows.nav, loop.inner_in, _TO_INNER, loop.rows
     came, due = math.isfinite(nav[NAV.quat][0]), tick % loop.period_ticks == 0
-    handed = scratch(_N_HANDED)
-    handed[0] = setpoint[SETPOINT.col]
-    copy(handed[1:], rows.hand)
+    sent = scratch(_N_HANDED)
+    sent[0] = setpoint[SETPOINT.col]
+    copy(sent[1:], rows.manual)
     _bring(links, box, _ODOM, to[_ODOM], tick, tick, came, nav)
     _bring(links, box, _ROTOR, to[_ROTOR], tick, tick, came, nav[NAV.rotor])
     attitude = setpoint[SETPOINT.attitude]
     _bring(links, box, _ATTITUDE, to[_ATTITUDE], tick, tick, due, attitude)
-    _bring(links, box, _COLLECTIVE, to[_COLLECTIVE], tick, tick, due, handed)
+    _bring(links, box, _COLLECTIVE, to[_COLLECTIVE], tick, tick, due, sent)
     k, x9 = loop.estimate_k, rows.x9
     estimate.listen(loop.estimate_s, loop.command, box, tick, k, x9, rows.aim)
     add_sweep(tick * loop.tick_s, loop.disturbance_k, x9)
@@ -289,9 +289,9 @@ def listen(loop, links, tick, setpoint):
 def control(loop, tick):
     """The attitude law, or a pilot's hand, into `rows.u3`."""
     aim, command = loop.rows.aim, estimate.COMMAND
-    attitude, hand = aim[command.attitude], aim[command.hand]
+    attitude, manual = aim[command.attitude], aim[command.manual]
     inner_k, inner_s = loop.inner_k, loop.inner_s
-    law_or_hand(loop.rows.x9, attitude, aim[command.col], hand, inner_k, inner_s, loop.rows.u3)
+    law_or_manual(loop.rows.x9, attitude, aim[command.col], manual, inner_k, inner_s, loop.rows.u3)
 
 
 @njit
@@ -791,11 +791,11 @@ class TicksWithParts:
         now_ns, nav = tick * loop.tick_ns, loop.rows.outer_nav
         arguments = nav, now_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
         self._outer.step(tick, tick * loop.tick_s, *arguments, self._calls["follow"])
-        manual_deflections(loop.outer_s, loop.rows.hand)
+        manual_deflections(loop.outer_s, loop.rows.manual)
 
     def _control(self, loop: AircraftInLoop, tick: int) -> None:
         aim, rows, command = loop.rows.aim, loop.rows, estimate.COMMAND
-        arguments = rows.x9, aim[command.attitude], aim[command.col], aim[command.hand]
+        arguments = rows.x9, aim[command.attitude], aim[command.col], aim[command.manual]
         numbers = loop.inner_k, loop.inner_s, rows.u3
         self._inner.step(tick, tick * loop.tick_s, *arguments, *numbers, self._calls["law"])
 
@@ -817,7 +817,7 @@ def _compiled(loop: AircraftInLoop) -> dict[str, Callable[..., Any]]:
         "navigate": (navigate, loop, links, 0, *reference),
         "follow": (outer.follow, rows.outer_nav, 0, *reference, loop.outer_k, loop.outer_s, four),
         "listen": (listen, loop, links, 0, four),
-        "law": (law_or_hand, rows.x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
+        "law": (law_or_manual, rows.x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
         "command_actuators": (command_actuators, loop, 0, four),
         "write": (write, loop, 0, *reference, four, four, empty_track(1, _excited(loop))),
         "act": (act, loop, links, 0, four),

@@ -78,9 +78,9 @@ def test_only_the_hover_phases_count(time_s, counted):
 
 
 def test_climb_is_measured_about_the_reference():
-    way = scenario().reference
-    assert way.points[1, 5] == -2.5
-    np.testing.assert_allclose(way.points[:, 2], [-10, -10, -20])
+    trajectory = scenario().reference
+    assert trajectory.points[1, 5] == -2.5
+    np.testing.assert_allclose(trajectory.points[:, 2], [-10, -10, -20])
 
 
 def test_attitude_errors_in_degrees():
@@ -131,8 +131,8 @@ def test_the_whole_flight_counts_from_engagement_to_the_end(time_s):
 
 def test_the_climb_is_measured_against_the_reference_as_commanded():
     """An aircraft that stands while the reference climbs is off by all of it, speed and height."""
-    way = scenario().reference
-    reference = np.array([way.at(tick * 10_000_000) for tick in range(6000)])
+    trajectory = scenario().reference
+    reference = np.array([trajectory.at(tick * 10_000_000) for tick in range(6000)])
     pos = np.tile([0.0, 0.0, -10.0], (6000, 1))
     scores = by_key(score(record(nav_pos_ned_m=pos, reference=reference), scenario()), WHOLE)
     assert scores["v_z", "navigation"].max == 2.5

@@ -317,7 +317,7 @@ def nine_states(nav, rotor, x9):
 
 
 @njit
-def remember(x9, r3, state):
+def save_state(x9, r3, state):
     """Keep what a law has read, for whoever goes on from it."""
     copy_part(state, LAST_X, x9, 0, 9)
     copy_part(state, LAST_R, r3, 0, 3)

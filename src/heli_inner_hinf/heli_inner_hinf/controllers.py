@@ -32,7 +32,7 @@ from heli_inner_hinf.controller_state import (
     command,
     initial_law_state,
     read_inputs,
-    remember,
+    save_state,
     state_at_rest,
 )
 
@@ -203,7 +203,7 @@ def attitude_law(x9, r3, k, state, u3):
         advance(k.law, state[MEMORY : MEMORY + k.law.A.shape[0]], v, cut)
     elif k.controller == STATE_FEEDBACK and k.shift_rate > 0.0 and status == 0:
         shift_target(x9, r3, k, state)
-    remember(x9, r3, state)
+    save_state(x9, r3, state)
     state[RUN] = 1.0
     return status
 

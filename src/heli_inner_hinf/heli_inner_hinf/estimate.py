@@ -218,7 +218,7 @@ class CommandRow(NamedTuple):
     attitude: slice = slice(0, 3)
     psi: int = 2
     col: int = 3
-    hand: slice = slice(4, 7)  # about trim; NaN while the law flies
+    manual: slice = slice(4, 7)  # about trim; NaN while the law flies
     size: int = 7
 
 
@@ -285,7 +285,7 @@ def listen(state, command, inbox, tick, k, x9, aim):
     age = tick - command.tick[0]
     stale = command.tick[0] != NOTHING and not -k.ahead_ticks <= age <= k.setpoint_timeout_ticks
     if stale:
-        fill(row[COMMAND.hand], np.nan)
+        fill(row[COMMAND.manual], np.nan)
     copy(aim, row)
     if stale:
         aim[SETPOINT.phi], aim[SETPOINT.theta] = k.x_trim[NINE.phi], k.x_trim[NINE.theta]

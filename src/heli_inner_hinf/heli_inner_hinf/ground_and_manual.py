@@ -36,7 +36,7 @@ from heli_inner_hinf.controller_state import (
     AttitudeStatus,
     all_finite,
     read_inputs,
-    remember,
+    save_state,
 )
 from heli_inner_hinf.controllers import attitude_law, linear_law, output_feedback, pid_terms
 
@@ -70,7 +70,7 @@ def _relax(x9, r3, k, state, u3):
     state[RELAXED] = _AT_REST
     if not (all_finite(x9) and all_finite(r3)):
         return _NOT_FINITE
-    remember(x9, r3, state)
+    save_state(x9, r3, state)
     state[RUN] = 1.0
     return _ON_GROUND
 
@@ -78,7 +78,7 @@ def _relax(x9, r3, k, state, u3):
 @njit
 def _take_up(x9, r3, k, state):
     """Go on from rest: the first command is that of the last tick; the memory is all zeros here."""
-    remember(x9, r3, state)
+    save_state(x9, r3, state)
     would = scratch(3)
     if k.controller == PID:
         pid_terms(x9, r3, k, scratch(3), would)
@@ -122,31 +122,31 @@ def law_of_tick(x9, r3, collective, k, state, u3):
 
 
 @njit
-def _fly_by_hand(x9, r3, hand3, k, state, u3):
+def _fly_by_hand(x9, r3, manual3, k, state, u3):
     """One tick of a pilot's hand; what was flown before it fades, the law's memory is at rest."""
     if state[RELAXED] != _HANDED:
         for i in range(3):
-            state[OFFSET + i] = state[LAST_U + i] - k.u_trim[i] - hand3[i]
+            state[OFFSET + i] = state[LAST_U + i] - k.u_trim[i] - manual3[i]
             state[INTEGRAL + i] = 0.0
         for i in range(MEMORY, N_LAW_STATE):
             state[i] = 0.0
         state[RELAXED] = _HANDED
     status = _BY_HAND
     for i in range(3):
-        u = k.u_trim[i] + hand3[i] + state[OFFSET + i]
+        u = k.u_trim[i] + manual3[i] + state[OFFSET + i]
         state[OFFSET + i] *= k.offset_decay
         u3[i] = min(max(u, -k.limit), k.limit)
         if u3[i] != u:
             status = _SATURATED
         state[LAST_U + i] = u3[i]
     if all_finite(x9) and all_finite(r3):
-        remember(x9, r3, state)
+        save_state(x9, r3, state)
         state[RUN] = 1.0
     return status
 
 
 @njit
-def law_or_hand(x9, r3, collective, hand3, k, state, u3):
+def law_or_manual(x9, r3, collective, manual3, k, state, u3):
     """One tick of `law_of_tick`, or of a pilot's hand.
 
     Parameters
@@ -161,8 +161,8 @@ def law_or_hand(x9, r3, collective, hand3, k, state, u3):
     int
         `AttitudeStatus`. By hand no estimate is needed.
     """
-    if all_finite(hand3):
-        return _fly_by_hand(x9, r3, hand3, k, state, u3)
+    if all_finite(manual3):
+        return _fly_by_hand(x9, r3, manual3, k, state, u3)
     return law_of_tick(x9, r3, collective, k, state, u3)
 
 
@@ -211,7 +211,7 @@ class OwnAttitudeLaw:
         x9: Array,
         r3: Array,
         collective: float,
-        hand3: Array,
+        manual3: Array,
         k: AttitudeParams,
         state: Array,
         u3: Array,
@@ -222,11 +222,11 @@ class OwnAttitudeLaw:
         Where the law has failed the last command is repeated: NOT_FINITE, and `law.failure`.
         """
         if self.law is None:
-            return packaged(x9, r3, collective, hand3, k, state, u3)
+            return packaged(x9, r3, collective, manual3, k, state, u3)
         stands = (collective - k.ground_collective) * k.ground_side > 0.0
-        if stands or np.isfinite(hand3).all():
+        if stands or np.isfinite(manual3).all():
             self.begin(in_flight=True)
-            return packaged(x9, r3, collective, hand3, k, state, u3)
+            return packaged(x9, r3, collective, manual3, k, state, u3)
         last = state[LAST_U : LAST_U + 3]
         u3[:] = last
         if not (np.isfinite(x9).all() and np.isfinite(r3).all()):

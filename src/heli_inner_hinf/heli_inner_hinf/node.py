@@ -43,7 +43,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_hand, own_law
+from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_manual, own_law
 from heli_inner_hinf.parameters import NODE_NAME, TABLE
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_LAW_FAILED, Level
@@ -128,7 +128,7 @@ class ConfiguredInnerLoop(TickCore):
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
     flown: AttitudeParams | None = None
-    law: Callable[..., int] = law_or_hand
+    law: Callable[..., int] = law_or_manual
     python_law: OwnAttitudeLaw = field(default_factory=lambda: OwnAttitudeLaw(None))
 
 
@@ -161,7 +161,7 @@ _WAITS = "waits for navigation: the trim is held"
 
 def _aims(aim: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """Attitude (3,), collective and a pilot's deflections (3,) of a row of `COMMAND`."""
-    return aim[COMMAND.attitude], aim[COMMAND.col], aim[COMMAND.hand]
+    return aim[COMMAND.attitude], aim[COMMAND.col], aim[COMMAND.manual]
 
 
 class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
@@ -240,7 +240,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
     def _load(self, core: ConfiguredInnerLoop, kernel: AttitudeParams) -> None:
         """Have the compiled law for numbers of these types; those of another design may differ."""
         like = core.x9, *_aims(core.aim), kernel, initial_law_state(kernel), core.u3
-        core.flown, core.law = kernel, direct(law_or_hand, *like)
+        core.flown, core.law = kernel, direct(law_or_manual, *like)
 
     def engage(self) -> ActiveInnerLoop:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
@@ -281,14 +281,14 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         stale = listen(core.known, core.command, core.inbox, tick, core.model, core.x9, core.aim)
         if core.disturber is not None:
             core.disturber.disturb(tick, self.stamp_ns(tick), core.x9)
-        r3, collective, hand3 = _aims(core.aim)
+        r3, collective, manual3 = _aims(core.aim)
         if run.resumes and np.isfinite(core.x9).all() and np.isfinite(r3).all():
             core.design.engage(core.x9, r3, core.total[ACTUATOR.attitude])
             run.resumes = False
         kernel = core.design.take()
         if kernel is not core.flown:
             self._load(core, kernel)
-        inputs = core.x9, r3, collective, hand3, kernel, core.design.state, core.u3
+        inputs = core.x9, r3, collective, manual3, kernel, core.design.state, core.u3
         code = core.python_law.step(tick, tick * self.rate.tick_s, *inputs, core.law)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
         core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, collective
@@ -304,7 +304,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         core, run = self.core, self.run
         run.first = False
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
-        core.command.row[COMMAND.hand] = np.nan
+        core.command.row[COMMAND.manual] = np.nan
         core.known = initial_estimate(core.model)
         core.python_law.begin(in_flight=run.resumes)
         if not run.resumes:

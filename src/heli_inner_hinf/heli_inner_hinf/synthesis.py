@@ -527,15 +527,15 @@ def _irregular(form: RegularForm) -> CertificateError | NotStabilizableError | I
     unstable = [m for m in np.linalg.eigvals(form.A) if m.real >= 0.0]
     near = np.linalg.eigvals(form.hamiltonian(0.0))
     axis = 1j * near[np.argsort(np.abs(near.real))][:2].imag
-    reach = [(rank_gap(np.hstack([form.A - m * eye, form.B])), m) for m in unstable]
-    sight = [(rank_gap(np.vstack([form.A - m * eye, form.C])), m) for m in axis]
-    worst_reach = min(reach, key=lambda v: v[0], default=(1.0, 0j))
-    worst_sight = min(sight, key=lambda v: v[0], default=(1.0, 0j))
-    if min(worst_reach[0], worst_sight[0]) > 1e-8:
+    controllability = [(rank_gap(np.hstack([form.A - m * eye, form.B])), m) for m in unstable]
+    observability = [(rank_gap(np.vstack([form.A - m * eye, form.C])), m) for m in axis]
+    worst_controllability = min(controllability, key=lambda v: v[0], default=(1.0, 0j))
+    worst_observability = min(observability, key=lambda v: v[0], default=(1.0, 0j))
+    if min(worst_controllability[0], worst_observability[0]) > 1e-8:
         return CertificateError("the Riccati equation (16) is too badly conditioned to be solved")
-    if worst_reach[0] < worst_sight[0]:
-        return NotStabilizableError(complex(worst_reach[1]))
-    return InvariantZeroError(complex(worst_sight[1]))
+    if worst_controllability[0] < worst_observability[0]:
+        return NotStabilizableError(complex(worst_controllability[1]))
+    return InvariantZeroError(complex(worst_observability[1]))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -1003,8 +1003,8 @@ def state_feedback(B: Matrix, C: Matrix, D: Matrix, P: Matrix) -> Matrix:
     if D.shape[1] == 0:
         return np.zeros((0, B.shape[0]))
     q1, r1 = np.linalg.qr(D)
-    reach = np.asarray(P @ B, dtype=np.float64).T
-    return -np.linalg.solve(r1, q1.T @ C + np.linalg.solve(r1.T, reach))
+    controllability = np.asarray(P @ B, dtype=np.float64).T
+    return -np.linalg.solve(r1, q1.T @ C + np.linalg.solve(r1.T, controllability))
 
 
 def feedforward(A: Matrix, B: Matrix, F: Matrix, C_out: Matrix) -> Matrix:

@@ -22,7 +22,7 @@ from heli_inner_hinf.controller_state import (
 )
 from heli_inner_hinf.controllers import attitude_law
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.ground_and_manual import law_of_tick, law_or_hand, stands
+from heli_inner_hinf.ground_and_manual import law_of_tick, law_or_manual, stands
 from heli_inner_hinf.loops import pid_as_output_law
 from heli_inner_hinf.parameters import NODE_NAME, TABLE
 
@@ -168,9 +168,9 @@ def test_the_map_of_rest_is_that_of_a_swap(kernel_of, controller):
     assert k.rest @ np.append(v, u) == pytest.approx(state_at_rest(k.law, v, u), abs=1e-9)
 
 
-def hand(k, state, x9, r3, hand3, collective=FLIES):
+def manual(k, state, x9, r3, manual3, collective=FLIES):
     u3 = np.full(3, np.nan)
-    status = law_or_hand(x9, r3, collective, np.asarray(hand3, float), k, state, u3)
+    status = law_or_manual(x9, r3, collective, np.asarray(manual3, float), k, state, u3)
     return AttitudeStatus(status), u3
 
 
@@ -180,18 +180,18 @@ def test_by_hand_the_sticks_are_flown_and_the_law_goes_on_from_them(kernel_of, c
     k = kernel_of(controller)
     state, x9 = initial_law_state(k), k.x_trim.copy()
     r3 = x9[[0, 1, 8]].copy()
-    _, before = hand(k, state, x9, r3, [np.nan] * 3)
+    _, before = manual(k, state, x9, r3, [np.nan] * 3)
     stick = np.array([0.1, -0.05, 0.08])
-    status, first = hand(k, state, x9, r3, stick)
+    status, first = manual(k, state, x9, r3, stick)
     assert status == AttitudeStatus.BY_HAND
     np.testing.assert_allclose(first, before, atol=1e-12)
     x9[0] += np.radians(10.0)
     x9[[2, 6]] = 0.1, -0.05
     for _ in range(600):
-        _, flown = hand(k, state, x9, x9[[0, 1, 8]], stick)
+        _, flown = manual(k, state, x9, x9[[0, 1, 8]], stick)
     np.testing.assert_allclose(flown, k.u_trim + stick, atol=1e-4)
     # The law again, at the attitude that is flown: from the hand's command on.
-    status, taken = hand(k, state, x9, x9[[0, 1, 8]], [np.nan] * 3)
+    status, taken = manual(k, state, x9, x9[[0, 1, 8]], [np.nan] * 3)
     assert status != AttitudeStatus.BY_HAND
     np.testing.assert_allclose(taken, flown, atol=2e-3)
     assert np.isfinite(state).all()
@@ -202,10 +202,12 @@ def test_a_hand_needs_no_estimate_and_stays_within_the_limits(kernel_of):
     state = initial_law_state(k)
     nothing = np.full(9, np.nan)
     for _ in range(600):
-        status, u3 = hand(k, state, nothing, np.zeros(3), [2.0, 0.0, -2.0])
+        status, u3 = manual(k, state, nothing, np.zeros(3), [2.0, 0.0, -2.0])
     assert status == AttitudeStatus.SATURATED
     np.testing.assert_allclose(u3, [k.limit, k.u_trim[1], -k.limit], atol=1e-4)
-    assert hand(k, state, nothing, np.zeros(3), [0.1, np.nan, 0.0])[0] == AttitudeStatus.NOT_FINITE
+    assert (
+        manual(k, state, nothing, np.zeros(3), [0.1, np.nan, 0.0])[0] == AttitudeStatus.NOT_FINITE
+    )
 
 
 def test_by_hand_a_collective_of_standing_does_not_rest_the_cyclic(kernel_of):
@@ -213,5 +215,5 @@ def test_by_hand_a_collective_of_standing_does_not_rest_the_cyclic(kernel_of):
     k = kernel_of("hinf_output")
     state = initial_law_state(k)
     for _ in range(600):
-        _, u3 = hand(k, state, k.x_trim, np.zeros(3), [0.1, 0.0, 0.0], IDLE)
+        _, u3 = manual(k, state, k.x_trim, np.zeros(3), [0.1, 0.0, 0.0], IDLE)
     assert u3[0] == pytest.approx(k.u_trim[0] + 0.1, abs=1e-4)

@@ -276,7 +276,7 @@ class RunningMaxima:
             self._waiting.setdefault(name, deque(maxlen=_MOST_WAITING)).append(sample)
         self._drift.add(record, (stamp_ns - self._start_ns) // TICK_NS, sample[1])
 
-    def count(self, way: Trajectory, offset_ned_m: Sequence[float]) -> None:
+    def count(self, trajectory: Trajectory, offset_ned_m: Sequence[float]) -> None:
         """Hold what has come against the reference, moved by an offset (3,), NED, m."""
         for record, samples in self._waiting.items():
             drift_ned_m = self._drift.ned_m if record == LESS_DRIFT else np.zeros(3)
@@ -286,7 +286,7 @@ class RunningMaxima:
             samples.clear()
             if not known:
                 continue
-            reference = np.array([way.at(stamp_ns) for stamp_ns, _, _ in known])
+            reference = np.array([trajectory.at(stamp_ns) for stamp_ns, _, _ in known])
             reference[:, REFERENCE.pos] += np.asarray(offset_ned_m)
             pos, vel = (np.array([sample[i] for sample in known]) for i in (1, 2))
             pos += drift_ned_m

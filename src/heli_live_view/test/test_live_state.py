@@ -274,10 +274,10 @@ def test_real_time_factor(state):
 def test_reference_between_way_points():
     points = np.zeros((2, 7))
     points[1, 2], points[0, 5], points[:, 6] = -10.0, -1.0, 0.5
-    way = Trajectory(2 * S, np.array([0, 10 * S]), points)
-    np.testing.assert_allclose(way.at(6 * S), [0, 0, -4, 0, 0, -1, 0.5])
-    np.testing.assert_allclose(way.at(S), [0, 0, 0, 0, 0, 0, 0.5])
-    np.testing.assert_allclose(way.at(99 * S), [0, 0, -10, 0, 0, 0, 0.5])
+    trajectory = Trajectory(2 * S, np.array([0, 10 * S]), points)
+    np.testing.assert_allclose(trajectory.at(6 * S), [0, 0, -4, 0, 0, -1, 0.5])
+    np.testing.assert_allclose(trajectory.at(S), [0, 0, 0, 0, 0, 0, 0.5])
+    np.testing.assert_allclose(trajectory.at(99 * S), [0, 0, -10, 0, 0, 0, 0.5])
 
 
 def test_history_is_thin_and_bounded_and_whole():

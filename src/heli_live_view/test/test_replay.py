@@ -127,8 +127,8 @@ def remarks_of():
 
 def test_largest_errors_are_those_so_far(values):
     """Of every message up to the moment, from the reference as moved; never of later ones."""
-    way = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0)
-    r = recording(remarks_of(), [(START_NS, way)], gap_s=(30.0, 30.0))
+    trajectory = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0)
+    r = recording(remarks_of(), [(START_NS, trajectory)], gap_s=(30.0, 30.0))
     replay = Replay(r, values)
     stream = r.streams[topics.ODOM]
     for time_s in (1.0, 6.5, 19.5):

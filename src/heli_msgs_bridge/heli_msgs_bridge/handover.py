@@ -77,7 +77,7 @@ class HandoverFile:
         self._map[at : at + _HEAD.size] = _HEAD.pack(number, tick, len(raw))
         self._number = number
 
-    def recall(self) -> HandoverRecord | None:
+    def load(self) -> HandoverRecord | None:
         """The newest whole record; None if there is none."""
         if not self._path.exists():
             return None

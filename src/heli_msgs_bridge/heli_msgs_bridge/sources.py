@@ -35,7 +35,7 @@ _MOST_PERIODS, _MOST_OTHERS = 4, 64
 # Of a message that holds a stamp.
 _LEAST_BYTES = 12
 SUCCESSOR_S = 0.08
-"""Wall time after which an heir succeeds an owner that is not heard."""
+"""Wall time after which a successor succeeds an owner that is not heard."""
 
 
 def with_info(hearer: Hearer) -> Callable[..., None]:
@@ -104,8 +104,8 @@ class PublisherLock:
     next one has the next number; another sender's numbers are elsewhere. Where both are the same,
     the stamps decide, which go on from the owner's last by whole periods: a sender with the same
     numbers and the same stamps is not told from it. If the owner is gone or silent for long,
-    the next message's sender succeeds it, until the owner is heard again. An heir, a node of the
-    owner's name that was started in its place, need not wait so long.
+    the next message's sender succeeds it, until the owner is heard again. A successor, a node of
+    the owner's name that was started in its place, need not wait so long.
 
     Parameters
     ----------
@@ -118,16 +118,16 @@ class PublisherLock:
     now_s : callable, optional
         Wall time, s, where the middleware does not say when a message came. What waited in a
         queue came earlier than it is judged: a reader that lags sees no silence in its own time.
-    heir : callable, optional
-        Whether an unexpected number is that of an heir of the owner, which may be dead; told
-        whether the owner has been silent for `SUCCESSOR_S`; before that not asked of known others.
+    successor : callable, optional
+        Whether an unexpected number is that of a successor of the owner, which may be dead; called
+        with whether the owner has been silent for `SUCCESSOR_S`; before that not for known others.
 
     Attributes
     ----------
     ignored : int
         Messages of others, so far.
     successions : int
-        How often another sender has become the owner; heirs do not count.
+        How often another sender has become the owner; successors do not count.
     """
 
     def __init__(
@@ -136,10 +136,10 @@ class PublisherLock:
         silence_s: float,
         period_ns: int,
         now_s: Callable[[], float] = time.monotonic,
-        heir: Callable[[bool], bool] = lambda silent: False,
+        successor: Callable[[bool], bool] = lambda silent: False,
     ) -> None:
         self._count, self._silence_s, self._now_s = count, silence_s, now_s
-        self._heir = heir
+        self._successor = successor
         self._period_ns = period_ns
         self._number: int | None = None
         self._before: int | None = None
@@ -174,7 +174,7 @@ class PublisherLock:
             return True
         alone, silent_s = not next_one and self._count() <= 1, came_s - self._heard_s
         silent = silent_s > SUCCESSOR_S
-        if (silent or not (known or next_one)) and self._heir(silent):
+        if (silent or not (known or next_one)) and self._successor(silent):
             self._others.clear()
             self._before = last_number
             return True
@@ -324,12 +324,13 @@ def strangers_of(node: Node, topic: str) -> bool | None:
 def successors_of(node: Node, topic: str) -> Callable[[bool], bool]:
     """For `PublisherLock`: whether who sends now is the successor of one that was killed.
 
-    A restart is noted before the successor can speak, so the first that comes after it is an heir
-    even before its name has come. Later ones are, when the owner is silent and all have its name.
+    A restart is noted before the successor can speak, so the first that comes after it is a
+    successor even before its name has come. Later ones are, when the owner is silent and all
+    have its name.
     """
     successors = Successors(BY_NAME[topic].source)
 
-    def heir(silent: bool) -> bool:
+    def successor(silent: bool) -> bool:
         if not respawns():
             return False
         strangers = strangers_of(node, topic)
@@ -338,7 +339,7 @@ def successors_of(node: Node, topic: str) -> Callable[[bool], bool]:
             return True
         return silent and strangers is False
 
-    return heir
+    return successor
 
 
 def full_name(sender: tuple[str, str]) -> str:
@@ -392,7 +393,7 @@ class DiagnosticSenders:
         self._anew: set[str] = set()
         self.foreign: set[str] = set()
 
-    def hear(self, names: Sequence[str], number: int) -> bool:
+    def admits(self, names: Sequence[str], number: int) -> bool:
         """Take the names that a message speaks of; False if it is not the next one of ours.
 
         Parameters

@@ -228,7 +228,7 @@ class RespawnableNode(ManagedNode[Core, Run]):
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         self.memory = handover_file_of(self.SPEC.name)
-        self._handover: HandoverRecord | None = self.memory.recall() if self.memory else None
+        self._handover: HandoverRecord | None = self.memory.load() if self.memory else None
         # Parameters that the predecessor was told in flight.
         before = self._handover.content[0] if self._handover else {}
         super().__init__({**values, **before}, **options)
@@ -473,8 +473,10 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         """Who decides whose messages of a topic are used."""
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
         period_ns = topics.BY_NAME[topic].period_ns(self.rate)
-        name, heir = self.resolve_topic_name(topic), successors_of(self, topic)
-        return PublisherLock(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
+        name, successor = self.resolve_topic_name(topic), successors_of(self, topic)
+        return PublisherLock(
+            lambda: self.count_publishers(name), silence_s, period_ns, successor=successor
+        )
 
     def _look_at_all_senders(self, owners: Mapping[str, PublisherLock]) -> None:
         """Once a second: whether a topic has more than one sender, and who they are."""

@@ -24,11 +24,11 @@ def path(tmp_path):
 
 
 def test_a_successor_finds_the_newest_record(path):
-    assert HandoverFile(path).recall() is None
+    assert HandoverFile(path).load() is None
     left = HandoverFile(path)
     for tick in range(7):
         left.keep(tick, {"x": np.full(3, float(tick)), "way": [tick] * tick})
-    memory = HandoverFile(path).recall()
+    memory = HandoverFile(path).load()
     assert memory.tick == 6 and memory.content["way"] == [6] * 6
     memory.content["x"][:] += 1.0  # its own, to be changed
     assert (memory.content["x"] == 7.0).all()
@@ -45,14 +45,14 @@ def test_a_record_that_was_cut_off_leaves_the_one_before(path, cut):
     first = half  # of tick 1, which the third record would overwrite
     raw[first + 24 : first + 24 + cut] = b"\xff" * cut
     path.write_bytes(raw)
-    assert HandoverFile(path).recall().tick == 2
+    assert HandoverFile(path).load().tick == 2
 
 
 def test_what_is_too_long_is_left_out_and_said(path):
     left = HandoverFile(path)
     left.keep(1, b"short")
     left.keep(2, bytes(9 << 20))
-    assert left.too_long and HandoverFile(path).recall().tick == 1
+    assert left.too_long and HandoverFile(path).load().tick == 1
 
 
 def test_it_outlives_a_process_that_is_killed(path):
@@ -61,11 +61,11 @@ def test_it_outlives_a_process_that_is_killed(path):
         left = HandoverFile(path)
         for tick in range(10_000_000):
             left.keep(tick, (tick, np.full(100, tick)))
-    while not path.exists() or (memory := HandoverFile(path).recall()) is None:
+    while not path.exists() or (memory := HandoverFile(path).load()) is None:
         pass
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
-    memory = HandoverFile(path).recall()
+    memory = HandoverFile(path).load()
     assert memory.content[0] == memory.tick and (memory.content[1] == memory.tick).all()
 
 

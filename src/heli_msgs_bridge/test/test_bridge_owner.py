@@ -83,7 +83,7 @@ def test_without_info_a_message_is_the_owners(topic):
     assert topic.owner.admits(b"", None) and topic.owner.ignored == 0
 
 
-def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
+def test_a_successor_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
     """A node that was started again; its predecessor is in the graph for seconds."""
     topic.senders, names = 2, [True]
     topic.owner = PublisherLock(
@@ -107,7 +107,7 @@ def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
 
 
 def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
-    """A reader that lags finds the owner's last message and the heir's first in one queue."""
+    """A reader that lags finds the last message of the owner and the first of its successor."""
     topic.senders = 2
     topic.owner = PublisherLock(
         lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: silent
@@ -126,7 +126,7 @@ def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
     assert topic.owner.successions == 0
 
 
-def test_who_is_known_to_be_an_heir_need_not_wait_for_silence(topic):
+def test_who_is_known_to_be_a_successor_need_not_wait_for_silence(topic):
     """It was started in the owner's place; others that are known by their numbers are not asked."""
     due = [False]
     topic.senders = 2

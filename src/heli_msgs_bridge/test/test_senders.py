@@ -99,24 +99,24 @@ def test_who_has_sent_and_left_stays_named():
     assert ever.names(besides="/outer_loop") == ["/pilot", NOT_YET_NAMED]
 
 
-def test_the_first_after_a_restart_is_an_heir_before_its_name_has_come(tmp_path, monkeypatch):
+def test_the_first_after_a_restart_is_a_successor_before_its_name_has_come(tmp_path, monkeypatch):
     """Without a note who has no name is none; with one it is, once; nor is another by name."""
     monkeypatch.setenv(FOLDER, str(tmp_path))
-    old, heir, pilot = ("/red", "observer", 1), (*UNKNOWN, 2), ("/", "pilot", 3)
+    old, successor, pilot = ("/red", "observer", 1), (*UNKNOWN, 2), ("/", "pilot", 3)
     graph = Graph()
-    is_heir = successors_of(graph, "odom")
-    graph.now(old, heir)
-    assert not is_heir(False) and not is_heir(True)
+    is_successor = successors_of(graph, "odom")
+    graph.now(old, successor)
+    assert not is_successor(False) and not is_successor(True)
     note_restart(tmp_path, "observer")
-    graph.now(old, heir, pilot)
-    assert not is_heir(False) and not is_heir(True)
-    graph.now(old, heir)
-    assert is_heir(False)
-    assert not is_heir(False) and not is_heir(True)
+    graph.now(old, successor, pilot)
+    assert not is_successor(False) and not is_successor(True)
+    graph.now(old, successor)
+    assert is_successor(False)
+    assert not is_successor(False) and not is_successor(True)
     graph.now(old, ("/red", "observer", 2))
-    assert is_heir(True) and not is_heir(False)
+    assert is_successor(True) and not is_successor(False)
 
 
-def test_nobody_is_an_heir_where_nobody_is_started_again(monkeypatch):
+def test_nobody_is_a_successor_where_nobody_is_started_again(monkeypatch):
     monkeypatch.delenv(FOLDER, raising=False)
     assert not successors_of(Graph(("/red", "observer"), ("/red", "observer")), "odom")(True)

@@ -319,16 +319,16 @@ class Commands:
         decision = decide(phases.phase, Command.FOLLOW, fails)
         return decision.sentence if isinstance(decision, Refusal) else ""
 
-    def fly(self, way: Trajectory) -> str:
+    def fly(self, trajectory: Trajectory) -> str:
         """Follow a way from now on and tell it as a reference; a sentence about its end."""
         node = self._node
-        run, message = node.run, encode_reference(way, node.get_namespace())
-        run.diverted = way
+        run, message = node.run, encode_reference(trajectory, node.get_namespace())
+        run.diverted = trajectory
         key = key_of(message)
         node.core.unheard_keys.append(key)
         node.core.trajectories.append((node.stamp_ns(node.tick + 1), key))
         node.core.send_trajectory(message)
-        last, end_ns = way.points[-1], way.start_ns + way.times_ns[-1]
+        last, end_ns = trajectory.points[-1], trajectory.start_ns + trajectory.times_ns[-1]
         north, east, down = last[REFERENCE.pos]
         return (
             f"to {east:.2f} m east, {north:.2f} m north, {-down:.2f} m high, heading "

@@ -61,19 +61,19 @@ SOFT_TILT_RAD = math.radians(15.0)
 
 
 @njit
-def p_share(state):
+def gain_share(state):
     """Share of the gains that act on what is off: 1.0 unless it flies softly."""
     return K_P_SHARE if state.machine[MACHINE.servo] == SERVO_DEGRADED else 1.0
 
 
 @njit
-def d_share(state):
+def damping_share(state):
     """Share of the gains that act on speeds."""
     return K_D_SHARE if state.machine[MACHINE.servo] == SERVO_DEGRADED else 1.0
 
 
 @njit
-def softly(a, k, state):
+def limit_acceleration(a, k, state):
     """Cut the wanted acceleration (3,), horizontally and in place, to that of a small tilt."""
     if state.machine[MACHINE.servo] == SERVO_DEGRADED:
         limit = k.g * math.tan(SOFT_TILT_RAD)
@@ -82,7 +82,7 @@ def softly(a, k, state):
 
 
 @njit
-def ease(phi, theta, state, out):
+def blend_attitude(phi, theta, state, out):
     """Bring the commanded roll and pitch of out (4,) near those that are flown, rad."""
     if state.machine[MACHINE.servo] == SERVO_DEGRADED:
         out[SETPOINT.phi] += AS_IT_IS * (phi - out[SETPOINT.phi])
@@ -160,7 +160,7 @@ def _decide(swings, brisk, hangs, calm, k, state):
     soft, wanted_s = state.machine[MACHINE.servo], state.x[MEMORY.calm_wanted_s]
     lands = state.x[MEMORY.lands] > 0.5
     if soft == SERVO_NOMINAL:
-        # A landing is no place for another try; what softness has calmed once is a slow servo.
+        # A landing is no place for another try; what small gains have calmed once is a slow servo.
         if (swings or lands) and wanted_s > 0.0:
             _begin(2.0 * wanted_s, SERVO_DEGRADED, state)
         elif swings and brisk:
@@ -270,7 +270,7 @@ def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
         innovation = vel_h[i] - v_hat[i]
         l1, l2 = k.observer_l1[i], k.observer_l2[i]
         if i < 2:
-            l1, l2 = d_share(state) * l1, p_share(state) * l2
+            l1, l2 = damping_share(state) * l1, gain_share(state) * l2
         v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + l1 * innovation)
         d_h[i] = clip(d_h[i] + k.dt_s * l2 * innovation, k.disturbance_limit[i])
     to_ned(v_hat, c, s, state.x[MEMORY.vel])

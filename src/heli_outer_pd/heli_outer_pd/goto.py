@@ -127,23 +127,25 @@ class Goto:
             vel[:2] *= most.speed_mps / level
         vel[2] = min(max(vel[2], -most.climb_mps), most.climb_mps)
         rate = min(max(psi_rate_radps, -most.yaw_rate_radps), most.yaw_rate_radps)
-        way = self._divert(before, now_ns, Cruise(vel, rate, duration_s), _RECENT_NS)
-        ahead = way.points[way.start_ns + way.times_ns > now_ns, REFERENCE.pos]
+        trajectory = self._divert(before, now_ns, Cruise(vel, rate, duration_s), _RECENT_NS)
+        ahead = trajectory.points[trajectory.start_ns + trajectory.times_ns > now_ns, REFERENCE.pos]
         out_m = fence.fence_distance_m(ahead, home_ned_m)
         farthest = int(np.argmax(out_m))
         if out_m[farthest] > max(float(out_m[0]), 0.0):
             fence.judge_place("the way at this velocity", ahead[farthest], home_ned_m)
-        return way
+        return trajectory
 
     def turn(self, before: Trajectory, now_ns: int, angle_rad: float) -> tuple[Trajectory, int]:
         """`before` with the nose turned, to the right, and the stamp at which that is flown, ns."""
         leave_ns = now_ns + foreseen_ns(self.shaping_ns)
         lasts_ns = round(turn_duration_s(angle_rad, self.limits) * NS_PER_S)
         try:
-            way = turned(before, leave_ns, max(_PAST_NS, self.shaping_ns), angle_rad, self.limits)
+            trajectory = turned(
+                before, leave_ns, max(_PAST_NS, self.shaping_ns), angle_rad, self.limits
+            )
         except PathError as error:
             raise ReferenceRefused(error.cause, str(error)) from error
-        return way, leave_ns + lasts_ns
+        return trajectory, leave_ns + lasts_ns
 
     def _divert(
         self,
@@ -169,10 +171,12 @@ class Goto:
     ) -> Trajectory:
         """`plan`, if goal and way are inside the limits of references; else ReferenceRefused."""
         fence.judge_place("the goal", pos_ned_m, home_ned_m)
-        way = self.plan(before, now_ns, pos_ned_m, psi_rad)
-        for place in way.points[way.start_ns + way.times_ns > now_ns, REFERENCE.pos]:
+        trajectory = self.plan(before, now_ns, pos_ned_m, psi_rad)
+        for place in trajectory.points[
+            trajectory.start_ns + trajectory.times_ns > now_ns, REFERENCE.pos
+        ]:
             fence.judge_place("the way to the goal", place, home_ned_m)
-        return way
+        return trajectory
 
 
 # -------------------------------------------------------------------------------------------------
@@ -243,14 +247,14 @@ class Fence:
         home_ned_m, ground_down_m
             As for `fence_distance_m`.
         """
-        way = goto.halt(before, now_ns)
-        end, psi = way.points[-1, REFERENCE.pos], float(way.points[-1, REFERENCE.psi])
+        trajectory = goto.halt(before, now_ns)
+        end, psi = trajectory.points[-1, REFERENCE.pos], float(trajectory.points[-1, REFERENCE.psi])
         if self.fence_distance_m(end, home_ned_m, ground_down_m) <= 0.0:
-            return way
+            return trajectory
         try:
             return goto.plan(before, now_ns, self.inside(end, home_ned_m, ground_down_m), psi)
         except ReferenceRefused:
-            return way
+            return trajectory
 
 
 def left(mode: str, beyond_m: float) -> str:
@@ -266,7 +270,7 @@ def outside(beyond_m: float, otherwise: str) -> str:
 
 
 # -------------------------------------------------------------------------------------------------
-# Numbers of take-off and landing, and their ways: straight up, and down until the ground ends it.
+# Numbers of take-off and landing, and their trajectories: straight up, and down to the ground.
 #
 # No ROS.
 # -------------------------------------------------------------------------------------------------

@@ -30,8 +30,8 @@ from heli_outer_pd.reference import (
     ReferenceRefused,
     anchored,
     flown_now,
-    glimpse,
-    led_now,
+    preview,
+    reference_state,
 )
 from heli_outer_pd.state import (
     BY_HAND,
@@ -180,7 +180,7 @@ class StickNumbers:
     tilt_radps: float
     yaw_rate_radps: float
     climb_mps: float
-    hand: Array
+    manual: Array
     limits: MotionLimits
 
     @classmethod
@@ -192,7 +192,7 @@ class StickNumbers:
             tilt_radps=values["sticks.tilt_radps"],
             yaw_rate_radps=math.radians(values["sticks.yaw_rate_degps"]),
             climb_mps=values["sticks.climb_mps"],
-            hand=np.asarray(values["sticks.manual"], float),
+            manual=np.asarray(values["sticks.manual"], float),
             limits=MotionLimits.from_parameters(values, "goto"),
         )
 
@@ -338,28 +338,28 @@ class Steering:
         the middle, with the collective at its lower end.
         """
         s = _LET_GO if let_go else self.sticks
-        state.x[MEMORY.hand] = n.hand * s[[STICKS.roll, STICKS.pitch, STICKS.yaw]]
+        state.x[MEMORY.manual] = n.manual * s[[STICKS.roll, STICKS.pitch, STICKS.yaw]]
         trim = k.trim[SETPOINT.col]
         col = trim + s[STICKS.climb] * (trim - idle_collective)
         low, high = collective_limits(k)
         if aground:
             low, high = min(low, idle_collective), max(high, idle_collective)
-        state.x[MEMORY.hand_col] = min(max(col, low), high)
+        state.x[MEMORY.manual_col] = min(max(col, low), high)
 
 
 def _changed(motion: Motion, to_vel: float, acc: float, jerk: float, dt_s: float) -> Motion:
     """One period later, on its way to a velocity within the limits."""
-    way = Transfer(motion, None, [math.inf], [acc], [jerk], np.array([to_vel]))
-    return Motion(*way.at(dt_s))
+    trajectory = Transfer(motion, None, [math.inf], [acc], [jerk], np.array([to_vel]))
+    return Motion(*trajectory.at(dt_s))
 
 
 def _turned(psi: Motion, to_rad: float, n: StickNumbers, dt_s: float) -> Motion:
     """One period later, on its way to a heading by the shorter side, within the limits."""
     goal, most = psi.pos + wrap_pi(float(to_rad - psi.pos[0])), n.limits
-    way = Transfer(
+    trajectory = Transfer(
         psi, goal, [n.yaw_rate_radps], [most.yaw_acceleration_radps2], [most.yaw_jerk_radps3]
     )
-    return Motion(*way.at(dt_s))
+    return Motion(*trajectory.at(dt_s))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -553,7 +553,7 @@ class StickFlight:
         return Fact.IDLE if idle and (self._lifted or silent) else None
 
     def take(
-        self, before: Phase, phase: Phase, way: Trajectory | None, now: Now, n: StickNumbers
+        self, before: Phase, phase: Phase, trajectory: Trajectory | None, now: Now, n: StickNumbers
     ) -> bool:
         """The sticks take over in a phase, from how the aircraft, or its reference, moves.
 
@@ -562,11 +562,13 @@ class StickFlight:
         if phase == before:
             return False
         if phase == Phase.ATTITUDE:
-            assert way is not None  # a guard has seen to it
+            assert trajectory is not None  # a guard has seen to it
             if self.steering.is_silent(now.ns, n):
                 self.steering.lead_by_messages()
             by_hand = before == Phase.MANUAL
-            moves = self.flown(before, now) if by_hand else led_now(way, now.ns, now.k)
+            moves = (
+                self.flown(before, now) if by_hand else reference_state(trajectory, now.ns, now.k)
+            )
             self.steering.start(moves.ned[:, 2], moves.psi)
         else:
             share = float(hover_share(self._state.x[MEMORY.command][SETPOINT.col], now.k))
@@ -608,9 +610,9 @@ class StickFlight:
             self._told_ns = now_ns
         return due
 
-    def glimpse(self, phase: Phase, now: Now) -> Trajectory:
+    def preview(self, phase: Phase, now: Now) -> Trajectory:
         """Where it seems to go."""
-        return glimpse(self.flown(phase, now), now.ns, now.start_ns)
+        return preview(self.flown(phase, now), now.ns, now.start_ns)
 
     def steer(
         self,

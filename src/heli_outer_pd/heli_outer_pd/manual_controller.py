@@ -26,19 +26,19 @@ _FADE_S = 0.5
 
 
 @njit
-def manual_deflections(state, hand):
+def manual_deflections(state, manual):
     """A pilot's d_lat, d_lon, d_ped about trim into hand (3,); NaN while a law flies."""
     if state.machine[MACHINE.guidance] >= BY_HAND:
-        copy(hand, state.x[MEMORY.hand])
+        copy(manual, state.x[MEMORY.manual])
     else:
-        fill(hand, math.nan)
+        fill(manual, math.nan)
 
 
 def with_manual(collective: NDArray[np.float64], state: OuterState) -> NDArray[np.float64]:
     """A collective (1,), and behind it the pilot's deflections while one flies by hand: (4,)."""
-    hand = np.empty(3)
-    manual_deflections(state, hand)
-    return collective if np.isnan(hand).any() else np.append(collective, hand)
+    manual = np.empty(3)
+    manual_deflections(state, manual)
+    return collective if np.isnan(manual).any() else np.append(collective, manual)
 
 
 @njit
@@ -57,7 +57,7 @@ def manual_law(nav, k, state, out):
         # No lag between this attitude and the acceleration.
         flown_acceleration(phi, theta, k, state.x[MEMORY.lagged])
         state.x[MEMORY.engaged] = 1.0
-    last[SETPOINT.col] = state.x[MEMORY.hand_col]
+    last[SETPOINT.col] = state.x[MEMORY.manual_col]
     for i in range(SETPOINT.size):
         out[i] = last[i]
     return _OK if known else _BAD_NAVIGATION

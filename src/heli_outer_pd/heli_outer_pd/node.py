@@ -240,7 +240,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             return
         # Now: who sends once is gone when one looks later.
         self._name_commanders()
-        way, why = self._judged_reference(message)
+        trajectory, why = self._judged_reference(message)
         first = core.reference is None
         if not why and self.active and not first:
             why = core.commands.refusal_of_reference()
@@ -249,45 +249,47 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             return
         core.followed.append(key)
         core.trajectories.append((self.stamp_ns(self.tick + 1), key))
-        self._follow_reference(way)
+        self._follow_reference(trajectory)
 
     def _judged_reference(self, message: Any) -> tuple[Trajectory, str]:
         """The way of a message; why it cannot be followed, or an empty sentence."""
         core = self.core
         try:
-            way = decode_reference(message, self.get_namespace())
-            home = way.points[0, REFERENCE.pos] if core.home_ned_m is None else core.home_ned_m
-            core.limits.judge(way, home, self.stamp_ns(self.tick))
+            trajectory = decode_reference(message, self.get_namespace())
+            home = (
+                trajectory.points[0, REFERENCE.pos] if core.home_ned_m is None else core.home_ned_m
+            )
+            core.limits.judge(trajectory, home, self.stamp_ns(self.tick))
         except MessageError as error:
             return _NOWHERE, str(error)
         except ReferenceRefused as error:
             return _NOWHERE, f"{topics.REFERENCE}: {error}"
-        return way, ""
+        return trajectory, ""
 
-    def _follow_reference(self, way: Trajectory) -> None:
+    def _follow_reference(self, planned: Trajectory) -> None:
         core = self.core
         if core.home_ned_m is None:
-            core.home_ned_m = way.points[0, REFERENCE.pos].copy()
-        core.reference, core.trajectory = way, way
+            core.home_ned_m = planned.points[0, REFERENCE.pos].copy()
+        core.reference, core.trajectory = planned, planned
         if not self.active or not self.run.phases.phase.on_ground:
-            self._as_given(way)
+            self._as_given(planned)
         core.pace.resume()
 
     def follow_goal(self, message: Any) -> tuple[bool, str]:
         """Whether the reference of a goal is followed, told then as one; and a sentence."""
         core = self.core
-        way, why = self._judged_reference(message)
+        trajectory, why = self._judged_reference(message)
         if not why:
             inactive = f"{topics.REFERENCE}: {RefusalCause.INACTIVE.value}"
             why = core.commands.refusal_of_reference() if self.active else inactive
         if why:
             self.refuse_aloud(topics.REFERENCE, why)
             return False, why
-        reference = encode_reference(way, self.get_namespace())
+        reference = encode_reference(trajectory, self.get_namespace())
         key = key_of(reference)
         core.unheard_keys.append(key)
         core.trajectories.append((self.stamp_ns(self.tick + 1), key))
-        self._follow_reference(way)
+        self._follow_reference(trajectory)
         core.send_trajectory(reference)
         return True, f"{topics.REFERENCE}: followed"
 
@@ -303,16 +305,16 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         answers = self.core.goals.as_text()
         return {FACT_GOALS: answers} if answers else {}
 
-    def _as_given(self, way: Trajectory) -> None:
+    def _as_given(self, trajectory: Trajectory) -> None:
         """What is followed from now on is flown where it says, and no goto is any more."""
         if self.core.offset_ned_m is not None:
             self.core.offset_ned_m = np.zeros(3)
         if self.active:
             self.run.diverted = None
-            self.run.phases.follow(way, self.stamp_ns(self.tick))
+            self.run.phases.follow(trajectory, self.stamp_ns(self.tick))
 
     def _way_teller(self) -> Callable[[Any], None]:
-        """Sends ways as references, so that bag, page and report know what is followed.
+        """Sends trajectories as references, so that bag, page and report know what is followed.
 
         Made before the flight: who listens has found it by the time of the first way.
         """
@@ -324,7 +326,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.at_end(partial(self.destroy_publisher, publisher))
         return publisher.publish
 
-    def _way(self) -> Trajectory | None:
+    def _followed(self) -> Trajectory | None:
         """What is followed: a goto, a reference, or what was held at first."""
         return self.run.diverted or self.core.trajectory or self.run.held
 
@@ -368,7 +370,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     def save_state(self) -> Any:
         """Law, references, and where the flight is between the ground and the ground."""
         core, run = self.core, self.run
-        ways = (
+        trajectories = (
             core.reference,
             core.trajectory,
             core.offset_ned_m,
@@ -377,12 +379,12 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             core.armed,
             core.goals,
         )
-        return core.state, ways, vars(run)
+        return core.state, trajectories, vars(run)
 
     def restore_state(self, content: Any, gap: bool) -> None:
         """Go on in the same phase, along the same reference."""
         core = self.core
-        core.state, ways, run = content
+        core.state, trajectories, run = content
         (
             core.reference,
             core.trajectory,
@@ -391,7 +393,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             core.followed,
             core.armed,
             core.goals,
-        ) = ways
+        ) = trajectories
         core.repeated = list(core.followed)
         self.run.take(run, gap)
 
@@ -404,18 +406,24 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             return
         nav = core.nav
         navigate(core.state, core.heard, tick, nav)
-        run.rejoin(nav, core.state)
+        run.reset_velocity(nav, core.state)
         if core.reference is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
             if core.home_ned_m is None:
                 core.home_ned_m = nav[NAV.pos].copy()
         if core.offset_ned_m is None and flyable(core.nav):
             self._anchor(stamp_ns)
-        way = self._way()
-        if way is None:
+        trajectory = self._followed()
+        if trajectory is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
-            core.nav[:], way = np.nan, _NOWHERE
-        inputs = core.nav, stamp_ns - way.start_ns, way.times_ns, way.points, core.params
+            core.nav[:], trajectory = np.nan, _NOWHERE
+        inputs = (
+            core.nav,
+            stamp_ns - trajectory.start_ns,
+            trajectory.times_ns,
+            trajectory.points,
+            core.params,
+        )
         code = core.flies.step(tick, tick * self.rate.tick_s, *inputs, core.state, core.out, follow)
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
         core.send_collective(with_manual(core.out[[SETPOINT.col]], core.state), stamp_ns)
@@ -427,7 +435,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core, run = self.core, self.run
         phases = run.phases
         if phases.trajectory is not None or not phases.numbers.on_ground:
-            phases.trajectory = self._way()
+            phases.trajectory = self._followed()
             if core.home_ned_m is not None and not phases.numbers.on_ground:
                 phases.home_ned_m = core.home_ned_m
         if phases.after(stamp_ns, core.nav, core.out) and phases.trajectory is not None:
@@ -443,11 +451,11 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core.offset_ned_m = np.zeros(3)
         anchored = self.values["reference_anchor"] == "engagement"
         if core.reference is not None and anchored and not self.values["start.on_ground"]:
-            way = core.reference
+            planned = core.reference
             core.offset_ned_m = offset_to(
-                core.nav[NAV.pos], stamp_ns - way.start_ns, way.times_ns, way.points
+                core.nav[NAV.pos], stamp_ns - planned.start_ns, planned.times_ns, planned.points
             )
-            core.trajectory = moved(way, core.offset_ned_m)
+            core.trajectory = moved(planned, core.offset_ned_m)
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core
@@ -471,7 +479,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
                 FACT_FAILSAFE: answer(phases.phase, core.state).name,
-                FACT_WAYS: [list(way) for way in core.trajectories],
+                FACT_WAYS: [list(trajectory) for trajectory in core.trajectories],
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),

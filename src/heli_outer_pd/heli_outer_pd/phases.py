@@ -162,7 +162,7 @@ class IntoWind:
         ground_down_m : float
             Where the ground is, as far as it is known, NED.
         """
-        phase, way, n = flight.phase, flight.trajectory, flight.numbers
+        phase, planned, n = flight.phase, flight.trajectory, flight.numbers
         fresh = phase not in (self._phase, Phase.DESCENDING)
         self._phase = phase
         wanted = phase == Phase.HOVER and flight.goto.heading == WIND
@@ -170,15 +170,15 @@ class IntoWind:
             high = ground_down_m - nav[NAV.pos][2] > 0.5 * n.slow_below_m
             wanted = n.land_heading == WIND and high
         known = flyable(nav) and well_known(nav, flight.params, state)
-        if fresh or not wanted or way is None or not known:
+        if fresh or not wanted or planned is None or not known:
             self.rest(now_ns)
-            return way
+            return planned
         angle = self.turn(now_ns, push_right(state.x[MEMORY.disturbance], nav))
         if angle == 0.0:
-            return way
-        way, done_ns = flight.goto.turn(way, now_ns, angle)
+            return planned
+        planned, done_ns = flight.goto.turn(planned, now_ns, angle)
         self.rest(done_ns)
-        return way
+        return planned
 
 
 # -------------------------------------------------------------------------------------------------
@@ -285,9 +285,9 @@ class Phases:
         """Other numbers for what is to come."""
         self.numbers, self.goto, self.params, self.fence = numbers, goto, kernel, fence
 
-    def follow(self, way: Trajectory, now_ns: int) -> None:
+    def follow(self, planned: Trajectory, now_ns: int) -> None:
         """A reference is followed from now on, where the table has let it."""
-        self.trajectory = way
+        self.trajectory = planned
         if self.phase in BY_STICKS:
             self.sticks.hand_over(FLIES)
         self._now(Phase.TRAJECTORY, Command.FOLLOW, now_ns)
@@ -321,7 +321,7 @@ class Phases:
             Command.VELOCITY, now_ns, nav, (np.asarray(vel_ned_mps, float), yaw_rate_radps)
         )
         if refused is None:
-            self._orders.hand.cruise = None
+            self._orders.sticks.cruise = None
         return refused
 
     def command(
@@ -383,7 +383,7 @@ class Phases:
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
             if flyable(nav) and self.sticks.tells(now_ns):
-                self.trajectory = self.sticks.glimpse(self.phase, self._at(now_ns, nav))
+                self.trajectory = self.sticks.preview(self.phase, self._at(now_ns, nav))
         self.trajectory = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
         return self.trajectory is not before
 
@@ -406,8 +406,8 @@ class Phases:
     @property
     def stands(self) -> bool:
         """By hand, too."""
-        by_hand = self.phase == Phase.MANUAL and self.sticks.aground
-        return by_hand or self.phase == Phase.STANDING
+        flown_manually = self.phase == Phase.MANUAL and self.sticks.aground
+        return flown_manually or self.phase == Phase.STANDING
 
     def _tips(self, nav: Array) -> bool:
         return leans_beyond(nav, self.params, self._stance) > self.numbers.tip_rad
@@ -416,8 +416,8 @@ class Phases:
         """What is so now of what the present phase waits for."""
         if not flyable(nav):
             return Fact.BLIND if self.phase.on_ground else None
-        if (sight := health_fact(self.phase, self._state, self._is_low(nav))) is not None:
-            return sight
+        if (fact := health_fact(self.phase, self._state, self._is_low(nav))) is not None:
+            return fact
         if self.fence_distance_m > 0.0 and decide(self.phase, Fact.FENCED) is not None:
             return Fact.FENCED
         match self.phase:
@@ -488,7 +488,7 @@ class Phases:
         n, steered = self.numbers, self.phase in BY_STICKS
         if phase in BY_STICKS:
             if not steered:
-                self._orders.hand.begins()
+                self._orders.sticks.begins()
             anew = self.sticks.take(
                 self.phase, phase, self.trajectory, self._at(now_ns, nav), n.sticks
             )
@@ -599,19 +599,19 @@ class ActiveOuterLoop:
     held: Trajectory | None = None
     engaged: bool = False
     diverted: Trajectory | None = None
-    rejoins: bool = False
+    velocity_reset_due: bool = False
 
     def take(self, known: Mapping[str, Any], gap: bool) -> None:
         """Go on from the fields that a predecessor had; `gap`: time has gone by since."""
         for name, value in known.items():
             setattr(self, name, value)
-        self.rejoins = gap
+        self.velocity_reset_due = gap
 
-    def rejoin(self, nav: NDArray[np.float64], state: OuterState) -> None:
+    def reset_velocity(self, nav: NDArray[np.float64], state: OuterState) -> None:
         """After a gap, as soon as there is navigation: estimate the velocity from that of now.
 
         The law's own estimate is of another moment; what it knows of the disturbance stays.
         """
-        if self.rejoins and flyable(nav):
-            self.rejoins = False
+        if self.velocity_reset_due and flyable(nav):
+            self.velocity_reset_due = False
             state.x[MEMORY.vel] = nav[NAV.vel]

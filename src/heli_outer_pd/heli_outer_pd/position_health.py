@@ -53,7 +53,7 @@ def remember_place(nav, state):
 
 
 @njit
-def move_with(nav, k, state):
+def position_reset(nav, k, state):
     """Move the reference by what a fix has moved the navigation.
 
     The estimate takes the velocity as it comes: a correction is no gust.
@@ -210,7 +210,7 @@ def sink(nav, ref, k, state, d_h):
 
 
 # -------------------------------------------------------------------------------------------------
-# Sight.
+# Position health.
 # -------------------------------------------------------------------------------------------------
 
 _HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
@@ -385,7 +385,7 @@ def _look(nav, k, state):
     fell = last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
     again = again or (before == POSITION_VALID and fell and state.x[MEMORY.lands] > 0.5)
     if along and before == POSITION_VALID and _jumps(sigma, last, k, state):
-        move_with(nav, k, state)
+        position_reset(nav, k, state)
         state.x[MEMORY.takes_over] = 1.0
     if not again or math.isnan(nav[NAV.down_vel]):
         return False

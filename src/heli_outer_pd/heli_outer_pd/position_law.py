@@ -26,16 +26,16 @@ from heli_core.signals import add_sweep
 from heli_core.ticks import NS_PER_S
 from heli_outer_pd.disturbance import (
     all_finite,
+    blend_attitude,
     clip,
-    d_share,
-    ease,
+    damping_share,
     estimate,
     flown_acceleration,
     flyable,
     forget_swings,
+    gain_share,
     hover_share,
-    p_share,
-    softly,
+    limit_acceleration,
     to_heading,
     to_ned,
     trim_thrust,
@@ -257,18 +257,18 @@ def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     for i in range(3):
         K_P, K_D = k.K_P[i], k.K_D[i]
         if i < 2:
-            K_P, K_D = p_share(state) * K_P, d_share(state) * K_D
+            K_P, K_D = gain_share(state) * K_P, damping_share(state) * K_D
         back = clip(K_P * pos_error_h[i], K_D * k.approach_speed_mps)
         a[i] += back + K_D * vel_error_h[i] - d_h[i]
     _with_lead(a, c, s, k, state)
-    softly(a, k, state)
+    limit_acceleration(a, k, state)
     if k.hold_horizontal > 0.5:
         out[SETPOINT.phi] = k.trim[SETPOINT.phi] + tilt_for(a[1], k)
         out[SETPOINT.theta] = k.trim[SETPOINT.theta] - tilt_for(a[0], k)
     else:
         out[SETPOINT.phi] = k.level_phi_theta[0]
         out[SETPOINT.theta] = k.level_phi_theta[1]
-    ease(phi, theta, state, out)
+    blend_attitude(phi, theta, state, out)
     out[SETPOINT.psi] = ref[SHAPED.psi]
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)

@@ -57,11 +57,11 @@ def move(points, offset_ned_m):
             points[i, j] += offset_ned_m[j]
 
 
-def moved(way: Trajectory, offset_ned_m: NDArray[np.float64]) -> Trajectory:
+def moved(trajectory: Trajectory, offset_ned_m: NDArray[np.float64]) -> Trajectory:
     """The trajectory with all positions moved by an offset (3,), NED, m; headings stay."""
-    points = way.points.copy()
+    points = trajectory.points.copy()
     move(points, np.asarray(offset_ned_m, float))
-    return replace(way, points=points)
+    return replace(trajectory, points=points)
 
 
 @njit
@@ -169,10 +169,10 @@ def flown_now(nav: Array, k: OuterParams, state: OuterState) -> MotionState:
     return MotionState(np.array([nav[NAV.pos], nav[NAV.vel], acc]), np.array([psi, rate, 0.0]))
 
 
-def led_now(way: Trajectory, now_ns: int, k: OuterParams) -> MotionState:
+def reference_state(trajectory: Trajectory, now_ns: int, k: OuterParams) -> MotionState:
     """How the reference moves, as the law follows it."""
     shaped, row = np.empty(SHAPED.size), np.empty(REFERENCE.size)
-    asked = now_ns - way.start_ns, way.times_ns, way.points
+    asked = now_ns - trajectory.start_ns, trajectory.times_ns, trajectory.points
     shaped_reference_at(asked[0], k.shaping_ns, 0.0, *asked[1:], shaped)
     reference_at(*asked, row)
     ned = np.array([shaped[SHAPED.pos], shaped[SHAPED.vel], shaped[SHAPED.acc]])
@@ -184,7 +184,7 @@ def warm_up(k: OuterParams, state: OuterState) -> None:
     nav = np.zeros(NAV.size)
     nav[NAV.quat] = 1.0, 0.0, 0.0, 0.0
     flown_now(nav, k, state)
-    led_now(Trajectory.hover(np.zeros(3), 0.0), 0, k)
+    reference_state(Trajectory.hover(np.zeros(3), 0.0), 0, k)
     manual_deflections(state, np.empty(3))
     collective_limits(k)
     hover_share(0.0, k)
@@ -215,7 +215,7 @@ def anchored(flown: MotionState, now_ns: int, start_ns: int, k: OuterParams) -> 
     return Trajectory(start_ns, now_ns - start_ns + steps * _STEP_NS, points)
 
 
-def glimpse(flown: MotionState, now_ns: int, start_ns: int) -> Trajectory:
+def preview(flown: MotionState, now_ns: int, start_ns: int) -> Trajectory:
     """Where a pilot seems to go: straight on for a second. Nothing follows it."""
     pos, vel, _ = flown.ned
     psi = flown.psi[0]
@@ -260,7 +260,7 @@ class ReferenceLimits:
             )
         return made
 
-    def judge(self, way: Trajectory, home_ned_m: NDArray[np.float64], now_ns: int) -> None:
+    def judge(self, trajectory: Trajectory, home_ned_m: NDArray[np.float64], now_ns: int) -> None:
         """Refuse a trajectory that leaves the limits; what lies between its points is inside, too.
 
         Parameters
@@ -276,14 +276,14 @@ class ReferenceLimits:
         ReferenceRefused
             Names the point that is too low, too high or too far, or when it would begin.
         """
-        ahead_s = (way.start_ns - now_ns) / NS_PER_S
-        if way.start_ns < 0 or ahead_s > _AHEAD_S:
+        ahead_s = (trajectory.start_ns - now_ns) / NS_PER_S
+        if trajectory.start_ns < 0 or ahead_s > _AHEAD_S:
             raise ReferenceRefused(
                 RefusalCause.STAMP,
-                f"stamped {way.start_ns / NS_PER_S:.2f} s; now is {now_ns / NS_PER_S:.2f} s, "
-                f"allowed: at most {_AHEAD_S:g} s later",
+                f"stamped {trajectory.start_ns / NS_PER_S:.2f} s; now is {now_ns / NS_PER_S:.2f} "
+                f"s, allowed: at most {_AHEAD_S:g} s later",
             )
-        for number, point in enumerate(way.points[:, REFERENCE.pos]):
+        for number, point in enumerate(trajectory.points[:, REFERENCE.pos]):
             self.judge_place(f"point {number}", point, home_ned_m)
 
     def fence_distance_m(

@@ -254,11 +254,11 @@ class HumanPilotModel:
         if phase == Phase.ATTITUDE:
             sticks[:2] = lean / self._n.tilt_max_rad
             return np.clip(sticks, -1.0, 1.0)
-        trim, hand = self._k.trim, self._n.hand
+        trim, manual = self._k.trim, self._n.manual
         off = lean + trim[: SETPOINT.psi] - (phi, theta)
-        sticks[:2] = _ATTITUDE * off / (_ROLL_RADPS * np.abs(hand[:2]))
+        sticks[:2] = _ATTITUDE * off / (_ROLL_RADPS * np.abs(manual[:2]))
         turn = _HEADING * wrap_pi(self._psi - psi)
-        sticks[STICKS.yaw] = turn / (_YAW_RADPS * abs(hand[2]))
+        sticks[STICKS.yaw] = turn / (_YAW_RADPS * abs(manual[2]))
         return np.clip(sticks, -1.0, 1.0)
 
     def _lean(self, delayed_nav: Array, psi: float) -> Array:
@@ -427,13 +427,13 @@ class ScriptRunner:
 
     Attributes
     ----------
-    hand : ScriptedSticks
+    sticks : ScriptedSticks
     remarks : list of str
         Orders that were refused.
     """
 
     def __init__(self, script: Sequence[Scripted], start_ns: int) -> None:
-        self.hand, self.remarks = ScriptedSticks(), list[str]()
+        self.sticks, self.remarks = ScriptedSticks(), list[str]()
         self._script, self._start_ns = deque(script), start_ns
 
     def next_ns(self) -> int | None:
@@ -443,30 +443,30 @@ class ScriptRunner:
     def renew(self, flight: CommandedFlight, now_ns: int, nav: Array) -> None:
         """What the hand does not let go."""
         if flight.phase in BY_STICKS:
-            sticks = self.hand.moves(nav, flight.ground_down_m, flight.phase, flight.params)
+            sticks = self.sticks.moves(nav, flight.ground_down_m, flight.phase, flight.params)
             if sticks is not None:
                 flight.steer(sticks, now_ns)
-            if self.hand.attitude is not None and flight.sticks.steering.asked.leads:
-                self._ask(flight, self.hand.attitude, now_ns, nav)
-        elif flight.phase == Phase.VELOCITY and self.hand.is_due(now_ns - flight.cruise_ns):
-            self._try(flight, Command.VELOCITY, now_ns, nav, (np.asarray(self.hand.cruise), 0.0))
+            if self.sticks.attitude is not None and flight.sticks.steering.asked.leads:
+                self._ask(flight, self.sticks.attitude, now_ns, nav)
+        elif flight.phase == Phase.VELOCITY and self.sticks.is_due(now_ns - flight.cruise_ns):
+            self._try(flight, Command.VELOCITY, now_ns, nav, (np.asarray(self.sticks.cruise), 0.0))
 
     def obey(self, flight: CommandedFlight, now_ns: int, nav: Array) -> None:
         """Do what is due."""
         while self._script and self._start_ns + self._script[0].at_ns <= now_ns:
             due = self._script.popleft()
-            order = self.hand.take(due, flight.numbers.sticks, flight.stands)
+            order = self.sticks.take(due, flight.numbers.sticks, flight.stands)
             if isinstance(due, HeldAttitude):
                 self._ask(flight, due, now_ns, nav)
             if order is None:
                 continue
-            if self.hand.holds_sticks:
-                flight.steer(self.hand.rest(flight.stands), now_ns)
+            if self.sticks.holds_sticks:
+                flight.steer(self.sticks.rest(flight.stands), now_ns)
             goal: CommandGoal | None = None
             if order.goal_ned_m is not None and flight.trajectory is not None:
                 goal = order.goal_ned_m, float(flight.trajectory.points[-1, REFERENCE.psi])
-            elif self.hand.cruise is not None:
-                goal = self.hand.cruise, 0.0
+            elif self.sticks.cruise is not None:
+                goal = self.sticks.cruise, 0.0
             self._try(flight, order.command, now_ns, nav, goal)
 
     def _ask(self, flight: CommandedFlight, asked: HeldAttitude, now_ns: int, nav: Array) -> None:

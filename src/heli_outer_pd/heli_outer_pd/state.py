@@ -108,8 +108,8 @@ class OuterStateRow(NamedTuple):
     steer_down: int = 20
     steer_down_vel: int = 21
     steer_down_acc: int = 22
-    hand: slice = slice(23, 26)  # by hand: d_lat, d_lon, d_ped about trim
-    hand_col: int = 26  # by hand: collective
+    manual: slice = slice(23, 26)  # by hand: d_lat, d_lon, d_ped about trim
+    manual_col: int = 26  # by hand: collective
     fade: slice = slice(27, 31)  # left of the last command of who flew before, a SetpointRow
     takes_over: int = 31  # 1.0: the next step goes on from the last command
     rest: slice = slice(32, 34)  # mean disturbance at rest, NED, m/s2
@@ -181,8 +181,8 @@ ALTITUDE_VALID, ALTITUDE_LOST, ALTITUDE_REACQUIRED = range(3)
 """The vertical velocity is known; is not, and thrust alone flies; is again, since this step.
 `position_health` changes it."""
 SERVO_NOMINAL, SERVO_DEGRADED, SERVO_STUCK = range(3)
-"""With the gains as they are; softly, as the attitude does not follow; again with them, as softness
-was of no help. `disturbance.watch_attitude` changes it."""
+"""With the gains as they are; with small ones, as the attitude does not follow; again with
+them, as that was of no help. `disturbance.watch_attitude` changes it."""
 ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 """The rotor has its speed, as far as it is known; has not, and lands the aircraft; has done so.
 `disturbance` changes it."""

@@ -63,7 +63,7 @@ class Sender:
         message.pose.orientation.w = 1.0
         return message
 
-    def way(self, up_m=14.0, names=()):
+    def trajectory(self, up_m=14.0, names=()):
         times = np.array([0, 4]) * NS_PER_S
         points = np.zeros((2, 7))
         points[:, 2], points[1, 0] = -10.0, 8.0
@@ -115,37 +115,37 @@ def test_a_goto_is_answered_by_its_id_with_where_and_when_it_ends(hovering):
     assert (answer.command, answer.state) == ("goto", GoalState.ACTIVE)
     assert re.findall(r"[\d.]+ m", answer.sentence) == ["5.00 m", "20.00 m", "14.00 m"]
     np.testing.assert_allclose(answer.end_ned_m, GOAL_NED)
-    way = hovering.node.run.diverted
-    assert answer.end_ns == way.start_ns + way.times_ns[-1]
+    trajectory = hovering.node.run.diverted
+    assert answer.end_ns == trajectory.start_ns + trajectory.times_ns[-1]
     assert hovering.answers[-1]["mode"] == "trajectory"
 
 
 def test_it_is_obeyed_once_however_often_it_is_sent(hovering):
     message = hovering.pose()
     hovering.goal("goto", "a", message)
-    way = hovering.node.run.diverted
+    trajectory = hovering.node.run.diverted
     hovering.fly(4)
     assert hovering.goal("goto", "a", message) is None
-    assert hovering.node.run.diverted is way
+    assert hovering.node.run.diverted is trajectory
 
 
 def test_what_is_refused_is_answered_in_the_words_of_the_topic(hovering):
     """And leaves the flight, and the goal that is under way, as they were."""
     hovering.goal("goto", "a", hovering.pose())
-    way = hovering.node.run.diverted
+    trajectory = hovering.node.run.diverted
     low = hovering.goal("goto", "low", hovering.pose((0.0, 0.0, 1.9)))
     assert low.state == GoalState.REFUSED and " 1.9 m " in low.sentence
     assert hovering.node.health.facts["refused.goto"] == f"1; {low.sentence}"
     up = hovering.goal("takeoff", "up")
     assert up.state == GoalState.REFUSED
     assert up.sentence.startswith(f"takeoff: {RefusalCause.AIRBORNE.value}; allowed: ")
-    assert hovering.node.run.diverted is way and hovering.answer().state == GoalState.ACTIVE
+    assert hovering.node.run.diverted is trajectory and hovering.answer().state == GoalState.ACTIVE
 
 
 def test_a_trajectory_is_followed_and_told_as_a_reference(hovering, monkeypatch):
     sent = []
     monkeypatch.setattr(hovering.node.core, "send_trajectory", sent.append)
-    answer = hovering.goal("follow", "a", hovering.way())
+    answer = hovering.goal("follow", "a", hovering.trajectory())
     assert answer.state == GoalState.ACTIVE
     np.testing.assert_allclose(answer.end_ned_m, [8.0, 0.0, -14.0])
     (message,) = sent
@@ -165,13 +165,13 @@ def test_a_trajectory_is_followed_and_told_as_a_reference(hovering, monkeypatch)
     ],
 )
 def test_a_trajectory_that_is_refused(hovering, change, beginning):
-    answer = hovering.goal("follow", "a", hovering.way(**change))
+    answer = hovering.goal("follow", "a", hovering.trajectory(**change))
     assert answer.state == GoalState.REFUSED and answer.sentence.startswith(beginning)
     assert hovering.node.core.reference is None
 
 
 def test_on_the_ground_a_trajectory_is_refused_though_it_is_the_first(standing):
-    answer = standing.goal("follow", "a", standing.way())
+    answer = standing.goal("follow", "a", standing.trajectory())
     assert answer.state == GoalState.REFUSED
     assert answer.sentence.startswith(f"follow: {RefusalCause.GROUNDED.value}; ")
 
@@ -181,7 +181,7 @@ def test_what_is_not_active_answers_too(bench, command):
     outer = bench(OuterLoopNode)
     assert outer.node.trigger_configure()
     sender = Sender(outer)
-    argument = {"goto": sender.pose, "follow": sender.way}.get(command, lambda: None)()
+    argument = {"goto": sender.pose, "follow": sender.trajectory}.get(command, lambda: None)()
     answer = sender.goal(command, "a", argument)
     assert answer.state == GoalState.REFUSED
     assert answer.sentence.endswith(f": {RefusalCause.INACTIVE.value}")

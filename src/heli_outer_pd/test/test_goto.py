@@ -34,23 +34,23 @@ FIRST = np.array([20.0, 5.0, -14.0]), math.radians(-170.0)
 SECOND = np.array([-3.0, 15.0, -12.0]), math.radians(40.0)
 
 
-def shaped(way, times_ns):
+def shaped(trajectory, times_ns):
     rows = np.empty((times_ns.size, SHAPED.size))
     for row, time_ns in zip(rows, times_ns, strict=True):
         shaped_reference_at(
-            time_ns - way.start_ns, GOTO.shaping_ns, VALUES["heading_lead_s"], way.times_ns,
-            way.points, row,
+            time_ns - trajectory.start_ns, GOTO.shaping_ns, VALUES["heading_lead_s"],
+            trajectory.times_ns, trajectory.points, row,
         )  # fmt: skip
     return rows
 
 
-def flown(ways):
-    """What the law follows, 25 Hz, if each way (stamp ns from which it is known, way) is heard."""
+def flown(trajectories):
+    """What the law follows, 25 Hz, if each (stamp ns, trajectory known from then on) is heard."""
     times_ns = np.arange(int(6.0 * NS_PER_S), int(60.0 * NS_PER_S), NS_PER_S // 25)
-    rows = shaped(ways[0][1], times_ns)
-    for known_ns, way in ways[1:]:
+    rows = shaped(trajectories[0][1], times_ns)
+    for known_ns, trajectory in trajectories[1:]:
         later = times_ns > known_ns
-        rows[later] = shaped(way, times_ns[later])
+        rows[later] = shaped(trajectory, times_ns[later])
     return times_ns, rows
 
 
@@ -83,8 +83,8 @@ class TestWay:
         assert not end[SHAPED.vel].any() and not end[SHAPED.acc].any()
 
     def test_limits_are_held_and_the_way_is_straight(self):
-        way = GOTO.plan(HELD, AT_NS, *FIRST)
-        moving = way.points[way.times_ns > AT_NS]
+        trajectory = GOTO.plan(HELD, AT_NS, *FIRST)
+        moving = trajectory.points[trajectory.times_ns > AT_NS]
         vel, h = moving[:-1, REFERENCE.vel], 0.04
         level = np.hypot(*vel[:, :2].T)
         assert level.max() == pytest.approx(3.0, abs=0.02) or vel[:, 2].min() < -1.48
@@ -101,8 +101,8 @@ class TestWay:
         assert np.abs(np.degrees(psi)).min() >= 170.0 - 1e-9
 
     def test_a_climb_is_left_at_its_speed(self):
-        way = GOTO.plan(CLIMB, AT_NS, *SECOND)
-        _, rows = flown([(0, CLIMB), (AT_NS, way)])
+        trajectory = GOTO.plan(CLIMB, AT_NS, *SECOND)
+        _, rows = flown([(0, CLIMB), (AT_NS, trajectory)])
         assert steps(rows, SHAPED.vel).max() < 0.04 * 2.5 / 0.8 + 0.04 * math.sqrt(3.0) * 1.5
 
     def test_headings(self):
@@ -178,11 +178,11 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, mon
     monkeypatch.setattr(hovering.node.core, "send_trajectory", sent.append)
     held = hovering.node.run.held
     hovering.receive(topics.GOTO, pose(hovering))
-    way = hovering.node.run.diverted
-    np.testing.assert_allclose(way.points[-1, REFERENCE.pos], [20.0, 5.0, -14.0], atol=1e-12)
-    assert way.points[-1, REFERENCE.psi] == pytest.approx(math.pi / 2.0)
+    trajectory = hovering.node.run.diverted
+    np.testing.assert_allclose(trajectory.points[-1, REFERENCE.pos], [20.0, 5.0, -14.0], atol=1e-12)
+    assert trajectory.points[-1, REFERENCE.psi] == pytest.approx(math.pi / 2.0)
     now_ns = hovering.node.stamp_ns(600)
-    np.testing.assert_array_equal(way.at(now_ns), held.at(now_ns))
+    np.testing.assert_array_equal(trajectory.at(now_ns), held.at(now_ns))
     before = len(hovering.sent[topics.ATTITUDE_SETPOINT])
     fly_ticks(hovering, range(601, 801))
     attitudes = np.array(hovering.sent[topics.ATTITUDE_SETPOINT])[before:]
@@ -193,7 +193,7 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, mon
     since = [[hovering.node.stamp_ns(601), key_of(message)]]
     assert hovering.node.health.facts[FACT_WAYS] == since
     hovering.receive(topics.REFERENCE, message)
-    assert hovering.node.run.diverted is way and hovering.node.core.reference is None
+    assert hovering.node.run.diverted is trajectory and hovering.node.core.reference is None
     assert not hovering.node.core.unheard_keys
     hovering.receive(topics.REFERENCE, encode_reference(Trajectory.hover(START, 0.0)))
     assert hovering.node.run.diverted is None and hovering.node.core.reference is not None
@@ -224,15 +224,15 @@ def hold(outer):
 def test_hold_stops_along_the_way_and_stays(hovering):
     hovering.receive(topics.GOTO, pose(hovering, enu=(0.0, 60.0, 10.0)))
     fly_ticks(hovering, range(601, 1201))
-    way = hovering.node.run.diverted
+    trajectory = hovering.node.run.diverted
     answer = hold(hovering)
     halt = hovering.node.run.diverted
     leave_ns = hovering.node.stamp_ns(1200) + NS_PER_S // 2
-    speed = way.at(leave_ns)[REFERENCE.vel][0]
+    speed = trajectory.at(leave_ns)[REFERENCE.vel][0]
     assert speed == pytest.approx(3.0)
     stopped = halt.points[-1, REFERENCE.pos]
     # On half of v times v / a + a / j beyond where the way is left.
-    left = way.at(leave_ns)[REFERENCE.pos][0]
+    left = trajectory.at(leave_ns)[REFERENCE.pos][0]
     assert stopped[0] == pytest.approx(left + 0.5 * 3.0 * (3.0 / 1.5 + 1.0), abs=0.3)
     assert stopped[1] == pytest.approx(0.0, abs=1e-9)
     assert answer.success
@@ -308,9 +308,9 @@ def refused(name, pos_ned_m):
 )
 def test_what_is_refused_is_named_and_leaves_the_flight_as_it_was(hovering, change, sentence):
     hovering.receive(topics.GOTO, pose(hovering, enu=(2.0, 1.0, 10.0)))
-    way = hovering.node.run.diverted
+    trajectory = hovering.node.run.diverted
     hovering.receive(topics.GOTO, pose(hovering, **change))
-    assert hovering.node.run.diverted is way
+    assert hovering.node.run.diverted is trajectory
     health = hovering.node.health
     assert health.level == Level.WARN and health.message.endswith(f": goto: {sentence}")
 

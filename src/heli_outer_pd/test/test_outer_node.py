@@ -62,10 +62,10 @@ def test_a_reference_that_is_announced_is_waited_for(bench):
     outer.fly()
     fly_ticks(outer, range(3))
     assert outer.sent[topics.COLLECTIVE] == []
-    way = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.3)
-    outer.receive(topics.REFERENCE, encode_reference(way))
+    trajectory = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.3)
+    outer.receive(topics.REFERENCE, encode_reference(trajectory))
     assert len(outer.sent[topics.COLLECTIVE]) == 1
-    assert outer.node.core.reference.points == pytest.approx(way.points)
+    assert outer.node.core.reference.points == pytest.approx(trajectory.points)
     outer.again()
     fly_ticks(outer, [400])
     assert len(outer.sent[topics.COLLECTIVE]) == 2, "a given reference stays"
@@ -153,8 +153,8 @@ def test_a_stage_that_is_over_has_no_data(bench, name):
 
 
 def east_north_up(east, north, up, start_ns=0):
-    way = Trajectory.hover(np.array([north, east, -up]), 0.0)
-    return encode_reference(replace(way, start_ns=start_ns))
+    trajectory = Trajectory.hover(np.array([north, east, -up]), 0.0)
+    return encode_reference(replace(trajectory, start_ns=start_ns))
 
 
 @pytest.mark.parametrize(

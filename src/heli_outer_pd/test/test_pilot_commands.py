@@ -199,11 +199,11 @@ ON_THE_GROUND = [
 
 
 def refused(pilot, asks, sentence):
-    before, way = pilot.phase, pilot.node._way()
+    before, way = pilot.phase, pilot.node._followed()
     assert sentence in asks(pilot)
     assert "\n" not in asks(pilot)
     pilot.fly(4)
-    assert pilot.phase == before and pilot.node._way() is way
+    assert pilot.phase == before and pilot.node._followed() is way
 
 
 @pytest.mark.parametrize(

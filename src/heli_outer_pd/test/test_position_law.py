@@ -244,9 +244,9 @@ def test_a_trajectory_that_begins_with_a_step_is_begun_without_one_and_caught_up
     """Nobody could look ahead of its start: at rest there, on the average of now 5 s later."""
     points = np.zeros((2, 7))
     points[0, 5], points[1, 2] = -1.0, -20.0
-    way = Trajectory(0, np.array([0, 20 * 10**9]), points)
+    trajectory = Trajectory(0, np.array([0, 20 * 10**9]), points)
     t = np.arange(0.0, 8.0, 0.001)
-    path = np.array([shaped(way, s, 1.0) for s in t])
+    path = np.array([shaped(trajectory, s, 1.0) for s in t])
     assert np.abs(path[0, :6]).max() < 1e-6
     assert np.abs(np.diff(path[:, 2])).max() < 1.15e-3
     np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.11)

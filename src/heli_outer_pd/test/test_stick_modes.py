@@ -60,20 +60,25 @@ class Craft:
         """One period; with `moves` the aircraft is where the reference has it."""
         if sticks is not None:
             self.phases.steer(sticks, self.now_ns)
-        way = self.phases.trajectory or Trajectory.hover(np.zeros(3), 0.0)
+        planned = self.phases.trajectory or Trajectory.hover(np.zeros(3), 0.0)
         if moves and self.state.machine[MACHINE.guidance] == FLIES:
             shaped = self.shaped()
             self.nav[NAV.pos], self.nav[NAV.vel] = shaped[:3], shaped[3:6]
-        follow(self.turned(), self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
-               self.state, self.out)  # fmt: skip
+        follow(self.turned(), self.now_ns - planned.start_ns, planned.times_ns, planned.points,
+               self.k, self.state, self.out)  # fmt: skip
         changed = self.phases.after(self.now_ns, self.nav, self.out)
         self.now_ns += STEP_NS
         return changed
 
     def shaped(self):
-        row, way = np.empty(10), self.phases.trajectory
+        row, planned = np.empty(10), self.phases.trajectory
         shaped_reference_at(
-            self.now_ns - way.start_ns, self.k.shaping_ns, 0.0, way.times_ns, way.points, row
+            self.now_ns - planned.start_ns,
+            self.k.shaping_ns,
+            0.0,
+            planned.times_ns,
+            planned.points,
+            row,
         )
         return row
 
@@ -161,22 +166,22 @@ def test_who_is_outside_already_may_come_back_but_not_go_on():
     assert craft.go((0.0, -1.0, 0.0)) is None
     outside = Craft(pos=(0.0, 0.0, -20.0))
     outside.phases.home_ned_m = np.array([0.0, -103.0, 0.0])
-    way = outside.phases.trajectory
+    planned = outside.phases.trajectory
     with pytest.raises(ReferenceRefused) as refused:
         outside.go((0.0, 1.0, 0.0))
     assert refused.value.cause == RefusalCause.DISTANCE
-    assert outside.phases.trajectory is way and outside.phases.phase == Phase.HOVER
+    assert outside.phases.trajectory is planned and outside.phases.phase == Phase.HOVER
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_velocity_that_is_not_finite_changes_nothing(bad):
     craft = Craft()
-    way = craft.phases.trajectory
+    planned = craft.phases.trajectory
     for vel, turn in (((0.0, bad, 0.0), ()), ((0.0, 1.0, 0.0), (bad,))):
         with pytest.raises(ReferenceRefused) as refused:
             craft.go(vel, *turn)
         assert refused.value.cause == RefusalCause.NOT_NUMBERS
-    assert craft.phases.trajectory is way and craft.phases.phase == Phase.HOVER
+    assert craft.phases.trajectory is planned and craft.phases.phase == Phase.HOVER
 
 
 def test_replanning_is_cheap():

@@ -28,7 +28,7 @@ def test_it_turns_by_the_angle_within_the_limits_where_it_would_have_been(angle_
     before, leave_ns = descent(), 9 * NS_PER_S
     after = turned(before, leave_ns, 60 * NS_PER_S, math.radians(angle_deg), LIMITS)
     stamps = 7 * NS_PER_S + np.arange(0, 1500) * STEP_NS
-    old, new = (np.array([way.at(int(s)) for s in stamps]) for way in (before, after))
+    old, new = (np.array([trajectory.at(int(s)) for s in stamps]) for trajectory in (before, after))
     np.testing.assert_allclose(new[:, REFERENCE.pos], old[:, REFERENCE.pos], atol=1e-12)
     np.testing.assert_allclose(new[:, REFERENCE.vel], old[:, REFERENCE.vel], atol=1e-12)
     psi = new[:, REFERENCE.psi] - 0.4

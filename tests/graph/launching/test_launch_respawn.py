@@ -83,7 +83,7 @@ def test_a_killed_node_comes_back_and_the_flight_is_the_same(
 
         processes = {name: start(node) for name, node in started.items()}
         memory = HandoverFile(Path(started[killed].env[FOLDER]) / f"{killed}.memory")
-        while (kept := memory.recall()) is None or kept.tick < KILLED_AT:
+        while (kept := memory.load()) is None or kept.tick < KILLED_AT:
             with pytest.raises(subprocess.TimeoutExpired):
                 processes["plant"].wait(0.02)
         os.kill(processes[killed].pid, signal.SIGKILL)

@@ -107,7 +107,7 @@ Respawn = Annotated[
     bool,
     typer.Option(
         "--respawn",
-        help="start observer, inner or outer loop again if it dies in flight; it rejoins",
+        help="start observer, inner or outer loop again if it dies in flight; the flight goes on",
     ),
 ]
 RateHz = Annotated[

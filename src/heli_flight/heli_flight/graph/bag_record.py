@@ -102,11 +102,11 @@ def _followed(bag: Bag, limits: ReferenceLimits) -> list[tuple[int, Trajectory]]
     if _modes(bag):
         # Its own ways lead to the ground: they are outside the limits of others' references.
         return list(bag.references)
-    for came_ns, way in bag.references:
-        home = (followed[0][1] if followed else way).points[0, REFERENCE.pos]
+    for came_ns, trajectory in bag.references:
+        home = (followed[0][1] if followed else trajectory).points[0, REFERENCE.pos]
         with contextlib.suppress(ReferenceRefused):
-            limits.judge(way, home, came_ns)
-            followed.append((came_ns, way))
+            limits.judge(trajectory, home, came_ns)
+            followed.append((came_ns, trajectory))
     return followed
 
 
@@ -127,18 +127,18 @@ def _reference(
     As the outer loop followed it: moved to where the aircraft was when the law engaged, if it was.
     """
     rows = np.full((ticks.size, REFERENCE.size), np.nan)
-    ways = sorted(_followed(bag, limits), key=lambda pair: pair[0])
-    if not ways:
+    trajectories = sorted(_followed(bag, limits), key=lambda pair: pair[0])
+    if not trajectories:
         return rows
-    begun = [came_ns for came_ns, _ in ways]
+    begun = [came_ns for came_ns, _ in trajectories]
     engaged = _engaged(bag)
     if engaged is not None:
         at_ns, offset = engaged
         first = max(bisect.bisect_right(begun, at_ns) - 1, 0)
-        ways[first] = begun[first], moved(ways[first][1], offset)
+        trajectories[first] = begun[first], moved(trajectories[first][1], offset)
     for i, tick in enumerate(ticks.tolist()):
         now_ns = clock.start_ns + tick * clock.rate.tick_ns
-        rows[i] = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)][1].at(now_ns)
+        rows[i] = trajectories[max(bisect.bisect_right(begun, now_ns) - 1, 0)][1].at(now_ns)
     return rows
 
 

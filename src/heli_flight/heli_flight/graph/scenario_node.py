@@ -52,8 +52,8 @@ class ScenarioNode(ManagedNode[Script, None]):
 
     def begin(self) -> None:
         """Publish the reference."""
-        way = replace(self.core.scenario.reference, start_ns=self.start_ns)
-        self.core.send(encode_reference(way, self.get_namespace()))
+        trajectory = replace(self.core.scenario.reference, start_ns=self.start_ns)
+        self.core.send(encode_reference(trajectory, self.get_namespace()))
         self.get_logger().info(f"reference published: {self.core.scenario.kind}")
 
 

@@ -183,7 +183,7 @@ class Supervisor(Node):
         self.statuses: dict[str, NodeStatus] = {}
         self._start_ns = self._now_ns = 0
         self._reporter: Reporter | None = None
-        self._voices: dict[str, PublisherLock] = {}
+        self._locks: dict[str, PublisherLock] = {}
         self.create_subscription(
             DiagnosticArray,
             topics.DIAGNOSTICS,
@@ -224,9 +224,9 @@ class Supervisor(Node):
         self._reporter.publish(self._now_ns, tick, level, message, facts)
 
     def forget(self, name: str) -> None:
-        """A node is started again: what it has said, and by which voice, is past."""
+        """A node is started again: what it has said, and by which publisher, is past."""
         self.statuses.pop(name, None)
-        self._voices.pop(name, None)
+        self._locks.pop(name, None)
 
     def _on_diagnostics(self, raw: bytes, info: Info | None) -> None:
         """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain.
@@ -242,8 +242,8 @@ class Supervisor(Node):
             if namespace.strip("/") != own_namespace or name == NODE_NAME or self._is_past(name):
                 continue
             # How many speak on a topic of all says nothing of one name: it never counts as alone.
-            voice = self._voices.setdefault(name, PublisherLock(lambda: 2, _SILENT_S, TICK_NS))
-            if not voice.admits(raw, info):
+            lock = self._locks.setdefault(name, PublisherLock(lambda: 2, _SILENT_S, TICK_NS))
+            if not lock.admits(raw, info):
                 continue
             level = int.from_bytes(status.level, "little")
             facts = {pair.key: pair.value for pair in status.values}
@@ -354,8 +354,8 @@ class Supervisor(Node):
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
-        way = replace(scenario.reference, start_ns=start_ns)
-        self._reference.publish(encode_reference(way, self.get_namespace()))
+        trajectory = replace(scenario.reference, start_ns=start_ns)
+        self._reference.publish(encode_reference(trajectory, self.get_namespace()))
 
     def transition(
         self, names: Sequence[str], transition_id: int, limit_s: float, check: Callable[[], None]

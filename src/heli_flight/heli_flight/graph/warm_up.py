@@ -26,7 +26,7 @@ from heli_dynamics_sim.wind import injected_gust
 from heli_flight.settings import Settings, resolve
 from heli_inner_hinf.controller_state import initial_law_state, nine_states
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.ground_and_manual import law_or_hand
+from heli_inner_hinf.ground_and_manual import law_or_manual
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import CHANNELS, MessageError
@@ -60,18 +60,18 @@ def _plant(settings: Settings) -> None:
 
 
 def _laws(settings: Settings) -> None:
-    outer, way = outer_params(settings.nodes["outer_loop"]), settings.scenario.reference
+    outer, trajectory = outer_params(settings.nodes["outer_loop"]), settings.scenario.reference
     state, out = position_law.initial_state(outer), np.zeros(SETPOINT.size)
     hear_rotor(state, 0.0, 0.0, outer)
     nav = np.zeros(NAV.size)
-    moved(way, offset_to(nav[NAV.pos], 0, way.times_ns, way.points))
-    position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)
+    moved(trajectory, offset_to(nav[NAV.pos], 0, trajectory.times_ns, trajectory.points))
+    position_law.follow(nav, 0, trajectory.times_ns, trajectory.points, outer, state, out)
     anchor.warm_up(outer, state)
     inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params
     x9 = np.zeros(len(NINE))
     nine_states(nav, nav[NAV.rotor], x9)
-    law, hand = initial_law_state(inner), np.full(3, np.nan)
-    law_or_hand(x9, np.zeros(3), 0.0, hand, inner, law, np.zeros(3))
+    law, manual = initial_law_state(inner), np.full(3, np.nan)
+    law_or_manual(x9, np.zeros(3), 0.0, manual, inner, law, np.zeros(3))
     euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
 

@@ -400,10 +400,10 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
         if not np.isfinite(array).any():
             missing.append(f"The bag holds no {words}.")
     if not np.isfinite(record.reference).any():
-        way = settings.scenario.reference
+        trajectory = settings.scenario.reference
         rate = settings.rate
         ticks = np.round(record.time_s * rate.hz).astype(int).tolist()
-        rows = [way.at(tick * rate.tick_ns) for tick in ticks]
+        rows = [trajectory.at(tick * rate.tick_ns) for tick in ticks]
         record = replace(record, reference=np.array(rows))
         missing.append(
             f"The bag holds no reference: that of scenario {settings.scenario_name} was taken."

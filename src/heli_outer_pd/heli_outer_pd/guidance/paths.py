@@ -122,12 +122,12 @@ class FlightPath:
             A number is not finite, or the motion at the start is beyond the limits.
         """
         start, goal = self._motion, np.asarray(pos_ned_m, float)
-        way = goal - start.pos
-        away = float(np.linalg.norm(way))
+        displacement = goal - start.pos
+        away = float(np.linalg.norm(displacement))
         if not math.isfinite(away):
             raise PathError(PathCause.NOT_FINITE, f"goal {goal.tolist()}: not finite")
         psi = 0.0 if psi_rad is None else float(wrap_pi(psi_rad - self.psi_rad))
-        self._add(*self._moved(way, away, self.psi_rad + psi), goal, self.psi_rad + psi)
+        self._add(*self._moved(displacement, away, self.psi_rad + psi), goal, self.psi_rad + psi)
         return self
 
     def stop(self) -> "FlightPath":
@@ -172,13 +172,15 @@ class FlightPath:
         self._turning = Motion(*turn.at(duration_s))
         return self
 
-    def _moved(self, way: Array, length: float, psi_rad: float | None) -> tuple[Where, float]:
-        """Motion by a way (3,) and to a heading, and its duration; without one a halt along it."""
+    def _moved(
+        self, displacement: Array, length: float, psi_rad: float | None
+    ) -> tuple[Where, float]:
+        """Motion by a displacement (3,) and to a heading, its duration; or a halt along it."""
         start, most = self._motion, self.limits
-        frame = _frame_along(way / length if length > 0.0 else np.array([1.0, 0.0, 0.0]))
+        frame = _frame_along(displacement / length if length > 0.0 else np.array([1.0, 0.0, 0.0]))
         leg = Transfer(
             Motion(np.zeros(3), frame @ start.vel, frame @ start.acc),
-            None if psi_rad is None else frame @ way,
+            None if psi_rad is None else frame @ displacement,
             [most.speed_along(axis) for axis in frame],
             [most.acceleration_mps2] * 3,
             [most.jerk_mps3] * 3,
@@ -314,8 +316,8 @@ def _as_trajectory(times_s: Array, places: list[tuple[Array, float]], start_ns: 
     points = np.zeros((len(places), REFERENCE.size))
     points[:, REFERENCE.pos] = [pos for pos, _ in places]
     points[:, REFERENCE.psi] = [wrap_pi(psi) for _, psi in places]
-    way = np.diff(points[:, REFERENCE.pos], axis=0)
-    points[:-1, REFERENCE.vel] = way / np.diff(times_s)[:, None]
+    displacement = np.diff(points[:, REFERENCE.pos], axis=0)
+    points[:-1, REFERENCE.vel] = displacement / np.diff(times_s)[:, None]
     return Trajectory(start_ns, np.round(times_s * NS_PER_S).astype(np.int64), points)
 
 
@@ -583,13 +585,13 @@ def turn_duration_s(angle_rad: float, limits: MotionLimits) -> float:
 
 
 def turned(
-    way: Trajectory, leave_ns: int, past_ns: int, angle_rad: float, limits: MotionLimits
+    trajectory: Trajectory, leave_ns: int, past_ns: int, angle_rad: float, limits: MotionLimits
 ) -> Trajectory:
     """A trajectory with the heading turned by an angle from a moment on, smoothly (3 s^2 - 2 s^3).
 
     Parameters
     ----------
-    way : Trajectory
+    trajectory : Trajectory
     leave_ns : int
         Stamp at which the turn begins.
     past_ns : int
@@ -601,7 +603,7 @@ def turned(
     Returns
     -------
     Trajectory
-        Stamped as `way`.
+        Stamped as `trajectory`.
 
     Raises
     ------
@@ -610,17 +612,17 @@ def turned(
     """
     if not math.isfinite(angle_rad):
         raise PathError(PathCause.NOT_FINITE, f"a turn by {angle_rad}: not finite")
-    begins_ns = leave_ns - way.start_ns
+    begins_ns = leave_ns - trajectory.start_ns
     lasts_ns = max(round(turn_duration_s(angle_rad, limits) * NS_PER_S), 1)
     steps = begins_ns + np.arange(-(-lasts_ns // _STEP_NS) + 1, dtype=np.int64) * _STEP_NS
-    first = max(int(np.searchsorted(way.times_ns, begins_ns - past_ns, side="right")) - 1, 0)
-    times_ns = np.union1d(way.times_ns[first:], steps)
+    first = max(int(np.searchsorted(trajectory.times_ns, begins_ns - past_ns, side="right")) - 1, 0)
+    times_ns = np.union1d(trajectory.times_ns[first:], steps)
     if times_ns.size > MAX_POINTS:
         raise PathError(PathCause.TOO_LONG, f"{times_ns.size} way points; allowed: {MAX_POINTS}")
-    points = np.array([way.at(way.start_ns + int(time_ns)) for time_ns in times_ns])
+    points = np.array([trajectory.at(trajectory.start_ns + int(time_ns)) for time_ns in times_ns])
     share = np.clip((times_ns - begins_ns) / lasts_ns, 0.0, 1.0)
     points[:, REFERENCE.psi] += angle_rad * share**2 * (3.0 - 2.0 * share)
-    return Trajectory(way.start_ns, times_ns, points)
+    return Trajectory(trajectory.start_ns, times_ns, points)
 
 
 # -------------------------------------------------------------------------------------------------

@@ -31,8 +31,8 @@ def fly(bench):
     def run(anchor):
         outer = bench(OuterLoopNode, reference_anchor=anchor)
         outer.fly()
-        way = replace(CLIMB, start_ns=outer.node.stamp_ns(0))
-        outer.receive(topics.REFERENCE, encode_reference(way))
+        trajectory = replace(CLIMB, start_ns=outer.node.stamp_ns(0))
+        outer.receive(topics.REFERENCE, encode_reference(trajectory))
         for tick in range(8):
             outer.send(topics.ODOM, tick, np.full(CHANNELS[topics.ODOM].size, np.nan))
         for tick in range(8, 13):

@@ -25,12 +25,12 @@ ABORTED, CANCELED, SUCCEEDED = GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStat
 
 
 class Bench:
-    """A desk, what it has done, and a flight that goes on as it is told."""
+    """A goal manager, what it has done, and a flight that goes on as it is told."""
 
     def __init__(self):
         self.done, self.ended = [], {}
         self.flight, self.now_s, self.mode, self.answers = FlightStatus(), 1.0, "hover", {}
-        self.desk = GoalManager(self, self.flight, LIMITS)
+        self.manager = GoalManager(self, self.flight, LIMITS)
         self.pos = np.array([0.0, 0.0, -10.0])
         self.fly(1.0)
 
@@ -53,12 +53,12 @@ class Bench:
             self.now_s += 0.1
             now_ns, wall = round(self.now_s * NS_PER_S), self.now_s if wall_s is None else wall_s
             if navigation:
-                self.desk.odom(now_ns, self.pos, np.array([1.0, 0.0, 0.0, 0.0]), wall)
+                self.manager.odom(now_ns, self.pos, np.array([1.0, 0.0, 0.0, 0.0]), wall)
             if outer_loop:
                 facts = {"mode": self.mode, FACT_GOALS: goals_text(self.answers.values())}
                 self.flight.diagnostics(now_ns, f"flies {self.mode}", facts, wall)
             self.flight.now_ns = now_ns
-            self.desk.look(wall)
+            self.manager.update(wall)
 
     def answer(self, goal_id, state, sentence="", end=None, lasts_s=None):
         """The outer loop answers, or tells something else of a goal."""
@@ -68,7 +68,7 @@ class Bench:
 
     def take(self, kind, key="a", end=GOAL):
         way = kind in (Kind.GOTO, Kind.FOLLOW)
-        self.desk.take(key, GoalRequest(kind, end if way else None, f"message of {key}"))
+        self.manager.accept(key, GoalRequest(kind, end if way else None, f"message of {key}"))
 
     def flying(self, kind, key="a"):
         """A goal that is granted."""
@@ -79,7 +79,7 @@ class Bench:
         else:
             self.mode = kind.value
             self.answer(key, GoalState.ACTIVE, "will be done")
-        assert self.desk.feedback()[0] == key
+        assert self.manager.feedback()[0] == key
         return self
 
     def outcome(self, key="a"):
@@ -95,15 +95,15 @@ def test_a_takeoff_is_done_when_it_hovers_where_its_climb_ends(bench):
     bench.pos[2] = 0.0
     bench.fly(2.0, "standing")
     bench.take(Kind.TAKEOFF)
-    assert bench.done == [("takeoff", "a", "message of a")] and bench.desk.feedback() is None
+    assert bench.done == [("takeoff", "a", "message of a")] and bench.manager.feedback() is None
     bench.fly(0.9)  # the outer loop has not answered yet
-    assert bench.desk.feedback() is None
+    assert bench.manager.feedback() is None
     bench.mode = "takeoff"
     bench.answer("a", GoalState.ACTIVE)
-    assert bench.desk.feedback()[2].left_m == NOT_KNOWN == bench.desk.feedback()[2].left_s
+    assert bench.manager.feedback()[2].left_m == NOT_KNOWN == bench.manager.feedback()[2].left_s
     bench.answer("a", GoalState.ACTIVE, "", [0.0, 0.0, -10.0], 12.0)
     bench.fly(3.9, "takeoff", [0.0, 0.0, -3.0])
-    feedback = bench.desk.feedback()[2]
+    feedback = bench.manager.feedback()[2]
     assert (feedback.mode, feedback.left_m, feedback.left_s) == ("takeoff", 7.0, pytest.approx(8.0))
     bench.mode, bench.pos = "hover", np.array([0.0, 0.0, -9.8])
     bench.answer("a", GoalState.SUCCEEDED, "", [0.0, 0.0, -10.0])
@@ -150,7 +150,7 @@ def test_a_refusal_is_the_goals_sentence(bench, kind):
 def test_a_goto_is_there_when_its_way_is_over_and_it_is_near(bench):
     bench.flying(Kind.GOTO)
     assert bench.done == [("goto", "a", "message of a")]
-    feedback = bench.desk.feedback()[2]
+    feedback = bench.manager.feedback()[2]
     assert feedback.left_m == pytest.approx(10.0) and 5.0 < feedback.left_s < 6.0
     bench.fly(4.2, to=[7.9, 6.0, -10.0])
     assert not bench.ended  # its way is not over
@@ -171,7 +171,7 @@ def test_a_goto_that_does_not_get_there_is_given_up(bench):
 def test_another_way_ends_it_a_later_end_does_not(bench, kind):
     bench.flying(kind)
     bench.answer("a", GoalState.ACTIVE, "", GOAL.tolist(), 9.0)  # turned into the wind on the way
-    assert not bench.ended and bench.desk.feedback()[2].left_s > 8.0
+    assert not bench.ended and bench.manager.feedback()[2].left_s > 8.0
     bench.answer("a", GoalState.REPLACED, "", [1.0, 2.0, -30.0])
     sentence = f"{kind}: another way is flown, to 2.00 m east, 1.00 m north, 30.00 m high"
     assert bench.ended == {"a": (ABORTED, Code.REPLACED, sentence)}
@@ -187,7 +187,7 @@ def test_a_landing_is_done_when_it_stands(bench):
     bench.fly(0.1, "hover")
     bench.fly(0.1, to=[0.0, 0.0, -10.0])
     bench.flying(Kind.LAND)
-    assert bench.desk.feedback()[2].left_m == pytest.approx(8.0)
+    assert bench.manager.feedback()[2].left_m == pytest.approx(8.0)
     bench.mode = "standing"
     bench.answer("a", GoalState.SUCCEEDED)
     assert bench.outcome() == (SUCCEEDED, Code.DONE)
@@ -196,7 +196,7 @@ def test_a_landing_is_done_when_it_stands(bench):
 @pytest.mark.parametrize("kind", Kind)
 def test_a_cancelled_goal_holds(bench, kind):
     bench.flying(kind)
-    bench.desk.cancel("a")
+    bench.manager.cancel("a")
     assert bench.done[-1] == ("hold", "a/hold", None) and not bench.ended
     bench.mode = "hover"
     bench.answer("a", GoalState.PREEMPTED)  # what hold does is not taken for another's doing
@@ -207,7 +207,7 @@ def test_a_cancelled_goal_holds(bench, kind):
 
 def test_a_takeoff_cancelled_on_the_ground_is_broken_off(bench):
     bench.flying(Kind.TAKEOFF)
-    bench.desk.cancel("a")
+    bench.manager.cancel("a")
     bench.answer("a/hold", GoalState.REFUSED, "hold: the aircraft is on the ground")
     assert bench.done[-1] == ("land", "a/land", None)
     bench.answer("a/land", GoalState.SUCCEEDED, "land: take-off broken off")
@@ -216,9 +216,9 @@ def test_a_takeoff_cancelled_on_the_ground_is_broken_off(bench):
 
 def test_a_landing_near_the_ground_is_not_cancelled_and_says_so(bench):
     bench.flying(Kind.LAND)
-    bench.desk.cancel("a")
+    bench.manager.cancel("a")
     bench.answer("a/hold", GoalState.REFUSED, "hold: the ground is too near")
-    bench.desk.cancel("a")  # once is enough
+    bench.manager.cancel("a")  # once is enough
     bench.fly(1.0)
     assert bench.asked == [("land", "a"), ("hold", "a/hold")]
     bench.mode = "standing"
@@ -232,7 +232,7 @@ def test_a_landing_near_the_ground_is_not_cancelled_and_says_so(bench):
 @pytest.mark.parametrize(("granted", "asked"), [(True, ["takeoff", "hold"]), (False, ["takeoff"])])
 def test_cancelled_before_the_answer(bench, granted, asked):
     bench.take(Kind.TAKEOFF)
-    bench.desk.cancel("a")
+    bench.manager.cancel("a")
     assert bench.asked == [("takeoff", "a")] and not bench.ended
     bench.answer("a", GoalState.ACTIVE if granted else GoalState.REFUSED, "the answer")
     assert [command for command, _ in bench.asked] == asked
@@ -245,7 +245,7 @@ def test_a_granted_goal_takes_the_place_of_the_one_that_is_flown(bench):
     bench.answers["a"].state, bench.mode = GoalState.PREEMPTED, "land"
     bench.answer("b", GoalState.ACTIVE, "land: comes to rest")
     assert bench.ended == {"a": (ABORTED, Code.PREEMPTED, "goto: land took its place")}
-    assert bench.desk.feedback()[0] == "b"
+    assert bench.manager.feedback()[0] == "b"
 
 
 def test_a_refused_goal_leaves_the_one_that_is_flown(bench):
@@ -266,7 +266,7 @@ def test_of_the_goals_that_wait_the_newest_stays_and_is_asked_for_in_its_turn(be
     bench.answer("a", GoalState.REFUSED, "no")
     assert bench.asked[1:] == [("land", "c")]
     bench.take(Kind.GOTO, "d")
-    bench.desk.cancel("d")
+    bench.manager.cancel("d")
     assert bench.ended["d"] == (CANCELED, Code.CANCELED, "goto: cancelled")
 
 
@@ -293,7 +293,7 @@ def test_a_command_is_sent_again_until_it_is_answered(bench):
 
 def test_a_hold_that_is_not_answered(bench):
     bench.flying(Kind.GOTO)
-    bench.desk.cancel("a")
+    bench.manager.cancel("a")
     bench.fly(5.5)
     assert bench.outcome() == (ABORTED, Code.NO_ANSWER)
 
@@ -308,13 +308,13 @@ def test_an_answer_has_both_clocks_time(bench):
     for wall_s in now_s + np.arange(0.0, 60.0):
         # said again, of the same time
         bench.flight.odom_wall_s = bench.flight.outer_loop_wall_s = wall_s
-        bench.desk.look(wall_s)
+        bench.manager.update(wall_s)
     assert bench.outcome() == (ABORTED, Code.NO_ANSWER)  # the flight's minute was over before
     paused = Bench()
     paused.take(Kind.TAKEOFF)
     for wall_s in paused.now_s + np.arange(0.0, 60.0):
         paused.flight.odom_wall_s = paused.flight.outer_loop_wall_s = wall_s
-        paused.desk.look(wall_s)
+        paused.manager.update(wall_s)
     assert not paused.ended
 
 
@@ -331,9 +331,9 @@ def test_silence_of_one_is_named(bench, silent, named):
 
 def test_silence_of_all_counts_by_the_wall(bench):
     bench.flying(Kind.LAND)
-    bench.desk.look(bench.now_s + 9.0)
+    bench.manager.update(bench.now_s + 9.0)
     assert not bench.ended
-    bench.desk.look(bench.now_s + 10.5)
+    bench.manager.update(bench.now_s + 10.5)
     sentence = "land: nothing of the flight is heard for 10 s of wall time"
     assert bench.ended == {"a": (ABORTED, Code.SILENT, sentence)}
 
@@ -342,9 +342,9 @@ def test_a_goal_that_came_before_the_flight_waits_for_it(bench):
     fresh = Bench.__new__(Bench)
     fresh.done, fresh.ended, fresh.answers = [], {}, {}
     fresh.flight, fresh.now_s, fresh.mode = FlightStatus(odom_wall_s=999.0), 1000.0, "standing"
-    fresh.desk, fresh.pos = GoalManager(fresh, fresh.flight, LIMITS), np.zeros(3)
+    fresh.manager, fresh.pos = GoalManager(fresh, fresh.flight, LIMITS), np.zeros(3)
     fresh.take(Kind.TAKEOFF)
-    fresh.desk.look(1000.0)
+    fresh.manager.update(1000.0)
     fresh.fly(4.0)
     assert not fresh.ended
     fresh.fly(2.0)
@@ -359,11 +359,11 @@ def test_another_flight_ends_what_was_flown(bench):
     assert bench.flight.now_ns < 2 * NS_PER_S
 
 
-def test_a_closed_desk_lets_go(bench):
+def test_a_closed_manager_lets_go(bench):
     bench.flying(Kind.GOTO)
     bench.take(Kind.LAND, "b")
-    bench.desk.close()
+    bench.manager.close()
     assert {code for _, code, _ in bench.ended.values()} == {Code.CLOSED}
-    assert bench.desk.goals == () and len(bench.ended) == 2
+    assert bench.manager.goals == () and len(bench.ended) == 2
     bench.answer("b", GoalState.ACTIVE, "too late")
-    assert bench.desk.feedback() is None
+    assert bench.manager.feedback() is None

@@ -30,7 +30,7 @@ class Graph:
         self.asked[number][1].set_result(GetState.Response(current_state=State(id=state)))
 
 
-def test_answers_that_come_are_enough():
+def test_replies_that_come_are_enough():
     graph = Graph("plant", "observer")
     assert not graph.answers.complete() and graph.answers.silent() == ["plant", "observer"]
     graph.change("plant")
