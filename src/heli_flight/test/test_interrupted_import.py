@@ -57,3 +57,16 @@ def test_what_is_under_way_ends_first(tmp_path, step, printed):
     assert (done.returncode, done.stderr) == (EXIT_CODE, f"{LINE}\n")
     assert done.stdout.split() == printed
     assert (tmp_path / "part_made.txt").read_text() == "undone"
+
+
+def test_an_interrupt_that_comes_too_late_changes_nothing(tmp_path):
+    """Put off in the last step: the command is done, and so is its code."""
+    step = "interrupts._raise_soon(); return 0"
+    ended = COMMAND.format(step=step).replace(
+        "sys.exit(interrupts.run(lambda: command))",
+        "code = interrupts.run(lambda: command); time.sleep(0.05); sys.exit(code)",
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", ended], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, "")
