@@ -17,7 +17,7 @@ from heli_flight.report import diff as beside
 if TYPE_CHECKING:
     import pyarrow
 
-    from heli_flight.report.diff import Beside
+    from heli_flight.report.diff import MetricComparison
 
 _SAME_BELOW = 5e-4
 ABSENT = "-"
@@ -71,7 +71,7 @@ class ComparedMetrics(Mapping[str, Compared]):
     """
 
     def __init__(
-        self, rows: Sequence[Beside], source: str = NAVIGATION, stretch: str = WINDOWS
+        self, rows: Sequence[MetricComparison], source: str = NAVIGATION, stretch: str = WINDOWS
     ) -> None:
         self._rows, self.source, self.stretch = rows, source, stretch
         self._by_name = {
@@ -230,7 +230,7 @@ class Diff:
         )
 
 
-def _compared(row: Beside) -> Compared:
+def _compared(row: MetricComparison) -> Compared:
     metric, scores = row.metric, row.scores
     return Compared(
         metric.key,

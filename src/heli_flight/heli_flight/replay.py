@@ -45,7 +45,7 @@ from heli_live_view.replay import (
     FlightEvent,
     FlightRecording,
     Replay,
-    Telling,
+    ReplayOutcome,
     Viewer,
 )
 from heli_msgs_bridge import topics
@@ -498,7 +498,9 @@ def replay_of(
     report = place.beside / PAGE
     beside = {PAGE: report} if report.is_file() else {}
     page = PAGE if beside else ""
-    telling = Telling(ended(result_json, figures_of(settings.scenario.kind)), notes, page, at_end)
+    telling = ReplayOutcome(
+        ended(result_json, figures_of(settings.scenario.kind)), notes, page, at_end
+    )
     events = [*of_result(result_json), *_ground(recording, settings)]
     values = _values(settings, is_known)
     return Replay(recording, values, telling, events, progress), beside

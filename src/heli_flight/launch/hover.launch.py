@@ -35,7 +35,15 @@ from heli_flight.settings import (
     seed_of,
 )
 from heli_flight.settings import LAWS as LAW_FILES
-from heli_msgs_bridge.launching import COMMON, Again, Argument, declare, node, together, users_files
+from heli_msgs_bridge.launching import (
+    COMMON,
+    Argument,
+    NodeRestarter,
+    declare,
+    node,
+    together,
+    users_files,
+)
 
 SCENARIOS = [
     "hover", "attitude", "attitude_gusts", "attitude_sweep", "attitude_steps",
@@ -209,7 +217,7 @@ def _again(launch_args):
     for name, plain in (("composed", "false"), ("aircraft", "1")):
         if launch_args[name] != plain:
             raise ValueError(f"respawn:=true: does not go with {name}:={launch_args[name]}")
-    return Again(AGAIN, MOST, WITHIN_S)
+    return NodeRestarter(AGAIN, MOST, WITHIN_S)
 
 
 def _aircraft(launch_args):

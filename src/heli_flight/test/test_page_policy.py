@@ -12,7 +12,7 @@ import pytest
 
 from heli_flight.loop import simulate
 from heli_flight.report.data import Chart, Panel, Trace
-from heli_flight.report.page import Head, filled
+from heli_flight.report.page import PageHeader, filled
 from heli_flight.report.tables import ReportTable
 from heli_flight.report.write import write_report
 from heli_flight.result import Result
@@ -102,7 +102,7 @@ def test_every_page_is_made_from_the_one_that_holds_the_policy(template):
 
 def test_an_identifications_report_and_what_is_written_into_it_is_text():
     wild = "<script>alert(1)</script>"
-    head = Head(wild, wild, wild, [("✓", "good", wild)], [(wild, wild)], {"result": wild})
+    head = PageHeader(wild, wild, wild, [("✓", "good", wild)], [(wild, wild)], {"result": wild})
     trace = Trace(np.arange(3.0), np.arange(3.0), wild, "nav")
     chart = Chart("key", wild, wild, [Panel(wild, wild, [trace], note=wild)], "actuators")
     table = ReportTable([wild], [[wild, wild]], wild)

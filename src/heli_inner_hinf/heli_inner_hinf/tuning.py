@@ -225,7 +225,7 @@ class NoLawError(SynthesisError):
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class LawBenchmark:
     """What every law is measured by.
 
     Attributes

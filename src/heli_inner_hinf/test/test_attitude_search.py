@@ -23,11 +23,11 @@ from heli_inner_hinf.loops import (
 )
 from heli_inner_hinf.tuning import (
     CostScales,
+    LawBenchmark,
     LawFamily,
     NoLawError,
     SampledAircraft,
     Surroundings,
-    Yardstick,
     model_of,
     variances,
 )
@@ -108,7 +108,7 @@ def test_variances_are_those_of_flights(nominal, parameters, controller):
 
 def test_cost_is_the_mean_in_units(nominal, pid):
     wanted = CostScales((1e-3, 2e-3, 4e-3), 1e-3)
-    both = Yardstick(nominal, (nominal.later(1),), wanted)
+    both = LawBenchmark(nominal, (nominal.later(1),), wanted)
     terms = []
     for one in (nominal, replace(nominal, actuation=Actuation(delay_s=0.02))):
         v = variances(pid, one, both.air)
@@ -118,12 +118,12 @@ def test_cost_is_the_mean_in_units(nominal, pid):
 
 def test_shortfall_is_what_the_judge_misses(config, nominal, pid):
     margins = judge(config.A, config.B, feedback_of_law(pid), config.actuation)
-    alone = Yardstick(nominal, (), CostScales(disk_margin=0.9))
+    alone = LawBenchmark(nominal, (), CostScales(disk_margin=0.9))
     missed = 0.9 - margins.disk_input + 0.9 - margins.disk_output
     assert alone.shortfall(pid) == pytest.approx(missed, abs=0.03)
-    assert Yardstick(nominal, (), CostScales(disk_margin=0.4)).shortfall(pid) == 0.0
+    assert LawBenchmark(nominal, (), CostScales(disk_margin=0.4)).shortfall(pid) == 0.0
     # another aircraft counts by its own floor, at the input alone
-    heavy = Yardstick(nominal, (replace(nominal, disk_margin=1.0),), CostScales(disk_margin=0.4))
+    heavy = LawBenchmark(nominal, (replace(nominal, disk_margin=1.0),), CostScales(disk_margin=0.4))
     assert heavy.shortfall(pid) == pytest.approx(1.0 - margins.disk_input, abs=0.02)
 
 
@@ -139,12 +139,12 @@ def test_delay_that_breaks_the_loop_is_seen(config, nominal, pid):
     assert survived > 0
     for ticks, broken in ((survived, False), (survived + 1, True)):
         wanted = CostScales(disk_margin=0.1, delay_ticks=ticks)
-        assert (Yardstick(nominal, (), wanted).shortfall(pid) > 10.0) == broken
+        assert (LawBenchmark(nominal, (), wanted).shortfall(pid) > 10.0) == broken
 
 
 def test_an_aircraft_held_stable_counts_by_its_stability_alone(nominal, pid):
     wanted = CostScales(disk_margin=0.4)
-    alone = Yardstick(nominal, (), wanted)
+    alone = LawBenchmark(nominal, (), wanted)
     survived = next(n for n in range(30) if not stable(nominal.later(n + 1), pid))
     last, lost = nominal.later(survived), nominal.later(survived + 1)
     held = replace(alone, held_stable=(last,))
@@ -160,7 +160,7 @@ def test_best_is_the_best_of_its_neighbours(config, nominal):
         K_P[0], K_I[0] = numbers
         return pid_as_output_law(K_P, K_I, config.K_D)
 
-    wanted = Yardstick(nominal, (), CostScales(disk_margin=0.4))
+    wanted = LawBenchmark(nominal, (), CostScales(disk_margin=0.4))
     best = wanted.best(LawFamily("pid", law, ((0.1, 0.02), (30.0, 3.0))))
     least = wanted.price(law(best))
     assert wanted.shortfall(law(best)) == 0.0

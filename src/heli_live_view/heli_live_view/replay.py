@@ -346,7 +346,7 @@ _BODY = ("p", "euler_deg", "error")
 
 
 @dataclass(frozen=True)
-class Telling:
+class ReplayOutcome:
     """What stands beside a replay.
 
     Attributes
@@ -395,7 +395,7 @@ class Replay:
     recording : FlightRecording
     values : mapping
         Parameters of the node `live_view`, with what the page says of the flight.
-    telling : Telling
+    telling : ReplayOutcome
     known : iterable of FlightEvent
         Events that are known besides what the nodes said.
     progress : callable
@@ -412,12 +412,12 @@ class Replay:
         self,
         recording: FlightRecording,
         values: Mapping[str, Any],
-        telling: Telling | None = None,
+        telling: ReplayOutcome | None = None,
         known: Iterable[FlightEvent] = (),
         progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
         self.recording = recording
-        self._values, self._telling = values, telling or Telling()
+        self._values, self._telling = values, telling or ReplayOutcome()
         self._passed = self._go_through(progress)
         events = [*self._passed.events, *of_remarks(recording.remarks, recording.start_ns), *known]
         self.events = in_order(events, recording.seconds(recording.last_ns) + 1.0)

@@ -21,7 +21,7 @@ from heli_live_view.replay import (
     FlightRecording,
     Replay,
     ReplayError,
-    Telling,
+    ReplayOutcome,
     Viewer,
     in_order,
     of_faults,
@@ -278,7 +278,7 @@ def test_what_is_said_twice_is_one_event():
 
 
 def test_the_greeting_names_span_events_and_report(values):
-    outcome = Telling("Flown to its end.", ["a note"], "report.html")
+    outcome = ReplayOutcome("Flown to its end.", ["a note"], "report.html")
     replay = Replay(
         recording(remarks_of()), values, outcome, [FlightEvent(9.0, "ground", 0, "ground", "down")]
     )

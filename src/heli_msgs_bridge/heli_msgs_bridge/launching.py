@@ -54,7 +54,7 @@ def users_files(configurations: Mapping[str, str]) -> list[str]:
     return [path] if path else []
 
 
-class Again:
+class NodeRestarter:
     """Starts nodes again that die, up to a number of times; the others are told.
 
     Parameters
@@ -111,7 +111,7 @@ class Again:
 
 
 def _when_one_ends(
-    needed: bool, name: str, again: Again | None, event: Any, context: Any
+    needed: bool, name: str, again: NodeRestarter | None, event: Any, context: Any
 ) -> list[Shutdown]:
     """End the others, too. A failure is launch's own: what is raised makes its exit code 1."""
     if context.is_shutdown or (again is not None and again.takes(name, event.returncode)):
@@ -127,7 +127,7 @@ def node(
     configurations: Mapping[str, str],
     layers: Sequence[Any],
     needed: bool = True,
-    again: Again | None = None,
+    again: NodeRestarter | None = None,
 ) -> Node:
     """A node with its parameter layers, the weakest first.
 

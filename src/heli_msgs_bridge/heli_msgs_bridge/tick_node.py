@@ -126,7 +126,7 @@ class Refusals:
 _LEAST_BYTES = 12
 
 
-class Hearer(Protocol):
+class SubscribingNode(Protocol):
     """What is needed of a node that hears."""
 
     start_ns: int
@@ -153,13 +153,13 @@ def off_tick_refusal(topic: str, stamp_ns: int) -> str:
 
 
 def receiver(
-    node: Hearer, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
+    node: SubscribingNode, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
 ) -> Callable[[bytes], None]:
     """Callback for the serialised messages of a topic.
 
     Parameters
     ----------
-    node : Hearer
+    node : SubscribingNode
         Told of what is refused.
     item : Input
     decoder : Decoder or ClockDecoder

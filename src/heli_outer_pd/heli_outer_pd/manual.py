@@ -462,7 +462,7 @@ _CODES = {Phase.ATTITUDE: STEERED, Phase.MANUAL: LOW_BY_HAND}
 
 
 @dataclass(frozen=True)
-class Now:
+class FlightMoment:
     """A moment of the flight: stamps of it and of flight time 0, ns; navigation row, law."""
 
     ns: int
@@ -503,7 +503,9 @@ class StickFlight:
             fails.add(Guard.LOWERED)
         return fails
 
-    def ask(self, phase: Phase, attitude_rad: Array, now: Now, n: StickNumbers) -> Refusal | None:
+    def ask(
+        self, phase: Phase, attitude_rad: Array, now: FlightMoment, n: StickNumbers
+    ) -> Refusal | None:
         """Take an attitude (3,) that is commanded; ReferenceRefused if it is tilted too much."""
         steering = self.steering
         sticks_lead = phase == Phase.ATTITUDE and not steering.asked.leads
@@ -522,7 +524,7 @@ class StickFlight:
         return None
 
     def fact(
-        self, phase: Phase, now: Now, n: StickNumbers, idle_collective: float, col: float
+        self, phase: Phase, now: FlightMoment, n: StickNumbers, idle_collective: float, col: float
     ) -> Fact | None:
         """Whether nobody is at the sticks, or the pilot has put it back and let go.
 
@@ -553,7 +555,12 @@ class StickFlight:
         return Fact.IDLE if idle and (self._lifted or silent) else None
 
     def take(
-        self, before: Phase, phase: Phase, trajectory: Trajectory | None, now: Now, n: StickNumbers
+        self,
+        before: Phase,
+        phase: Phase,
+        trajectory: Trajectory | None,
+        now: FlightMoment,
+        n: StickNumbers,
     ) -> bool:
         """The sticks take over in a phase, from how the aircraft, or its reference, moves.
 
@@ -585,7 +592,7 @@ class StickFlight:
             self.steering.lead_by_sticks()
         self._state.machine[MACHINE.guidance], self._state.x[MEMORY.takes_over] = code, 1.0
 
-    def flown(self, phase: Phase, now: Now) -> MotionState:
+    def flown(self, phase: Phase, now: FlightMoment) -> MotionState:
         """How it moves: vertical and heading as steered in mode attitude, else as measured.
 
         While the position is lost it counts as at rest: what is not known is not braked.
@@ -599,7 +606,7 @@ class StickFlight:
             flown.psi = np.array([psi.pos[0], psi.vel[0], psi.acc[0]])
         return flown
 
-    def leave(self, phase: Phase, now: Now) -> Trajectory:
+    def leave(self, phase: Phase, now: FlightMoment) -> Trajectory:
         """A reference that moves as it is flown, to go on from."""
         return anchored(self.flown(phase, now), now.ns, now.start_ns, now.k)
 
@@ -610,14 +617,14 @@ class StickFlight:
             self._told_ns = now_ns
         return due
 
-    def preview(self, phase: Phase, now: Now) -> Trajectory:
+    def preview(self, phase: Phase, now: FlightMoment) -> Trajectory:
         """Where it seems to go."""
         return preview(self.flown(phase, now), now.ns, now.start_ns)
 
     def steer(
         self,
         phase: Phase,
-        now: Now,
+        now: FlightMoment,
         n: StickNumbers,
         idle_collective: float,
         fence: ReferenceLimits,

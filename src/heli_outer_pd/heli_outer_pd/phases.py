@@ -31,7 +31,7 @@ from heli_outer_pd.goto import (
 )
 from heli_outer_pd.manual import (
     RISES_MPS,
-    Now,
+    FlightMoment,
     StickFlight,
     TouchDown,
     lean,
@@ -473,8 +473,8 @@ class Phases:
         k, share = self.params, float(hover_share(out[SETPOINT.col], self.params))
         return self._contact.detects(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
 
-    def _at(self, now_ns: int, nav: Array) -> Now:
-        return Now(now_ns, self._start_ns, nav, self.params)
+    def _at(self, now_ns: int, nav: Array) -> FlightMoment:
+        return FlightMoment(now_ns, self._start_ns, nav, self.params)
 
     def _enter(
         self,

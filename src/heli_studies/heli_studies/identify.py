@@ -89,7 +89,7 @@ MEASURED = tuple(row.name for row in TABLE if row.name.startswith(("mass", "grav
 
 
 @dataclass(frozen=True)
-class Given:
+class IdentificationInputs:
     """Constants from the ground, and how the experiments are to be read.
 
     Attributes
@@ -114,7 +114,7 @@ class Given:
         return self.start_s + self.periods * self.period_s
 
 
-def read_given(aircraft: str, params: Sequence[Path]) -> Given:
+def read_given(aircraft: str, params: Sequence[Path]) -> IdentificationInputs:
     """The packaged values of an aircraft under the user's files.
 
     Parameters
@@ -141,7 +141,9 @@ def read_given(aircraft: str, params: Sequence[Path]) -> Given:
             f"{TICK_S:g} s, the tick"
         )
     ground = {name: values[name] for name in MEASURED}
-    return Given(ground, values["period_s"], values["start_s"], values["periods"], file.name)
+    return IdentificationInputs(
+        ground, values["period_s"], values["start_s"], values["periods"], file.name
+    )
 
 
 # -------------------------------------------------------------------------------------------------
@@ -169,7 +171,7 @@ class BagDataError(ValueError):
     """A bag that cannot be identified from; one sentence with the topic and the reason."""
 
 
-def experiment_of_record(record: FlightRecord, a_priori: Given) -> Experiment:
+def experiment_of_record(record: FlightRecord, a_priori: IdentificationInputs) -> Experiment:
     """Experiment out of the one-process loop's record.
 
     Raises
@@ -193,7 +195,9 @@ def experiment_of_record(record: FlightRecord, a_priori: Given) -> Experiment:
     )
 
 
-def experiment_of_bag(path: Path, kind: str, a_priori: Given, start_time_s: float) -> Experiment:
+def experiment_of_bag(
+    path: Path, kind: str, a_priori: IdentificationInputs, start_time_s: float
+) -> Experiment:
     """Experiment out of a bag.
 
     Parameters
@@ -299,7 +303,7 @@ def _data_experiment(
     u: NDArray[np.float64],
     excitation_u: NDArray[np.float64],
     gust_ned_mps: NDArray[np.float64],
-    a_priori: Given,
+    a_priori: IdentificationInputs,
 ) -> Experiment:
     """Velocities into body axes of the navigation's own attitude."""
     R_nb = np.array([quat_to_R_nb(np.ascontiguousarray(q)) for q in q_nb])
@@ -324,7 +328,7 @@ def _data_experiment(
 # From two experiments to a design: fits, then observer and laws from identified numbers only.
 #
 # No aircraft file is read here. What comes from elsewhere than flight are the constants of
-# `Given`,
+# `IdentificationInputs`,
 # measured on the ground, and the weights and gamma that the user chooses.
 # -------------------------------------------------------------------------------------------------
 
@@ -347,14 +351,14 @@ class Identification:
     wind: IdentifiedE
     trim: IdentifiedTrim
     collective: IdentifiedCollective
-    a_priori: Given
+    a_priori: IdentificationInputs
     design: FinishedDesign
 
 
 def identify(
     actuators: Experiment,
     gusts: Experiment,
-    a_priori: Given,
+    a_priori: IdentificationInputs,
     settings: Settings,
     gamma_factor: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -407,7 +411,7 @@ def basis_of(
     wind: IdentifiedE,
     trim: IdentifiedTrim,
     collective: IdentifiedCollective,
-    a_priori: Given,
+    a_priori: IdentificationInputs,
 ) -> Basis:
     """What `design_of` starts from, in identified numbers."""
     return Basis(
@@ -785,7 +789,7 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
 
 
 def _experiment(
-    wanted: IdentifyOrder, kind: str, a_priori: Given, folder: Path | None
+    wanted: IdentifyOrder, kind: str, a_priori: IdentificationInputs, folder: Path | None
 ) -> Experiment:
     settings = settings_of(wanted, kind)
     start_time_s = settings.nodes["plant"]["start_time_s"]
@@ -805,7 +809,9 @@ def _experiment(
     return experiment_of_bag(folder / kind, kind, a_priori, start_time_s)
 
 
-def _fly_alone(settings: Settings, a_priori: Given, progress: Any, quiet: bool) -> Experiment:
+def _fly_alone(
+    settings: Settings, a_priori: IdentificationInputs, progress: Any, quiet: bool
+) -> Experiment:
     from heli_flight import loop as closed_loop
 
     tell_if_it_compiles(silent() if quiet else console(stderr=True))

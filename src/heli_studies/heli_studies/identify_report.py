@@ -25,7 +25,7 @@ from heli_core.ticks import TICK_S
 from heli_flight.interrupts import held_back
 from heli_flight.report.data import Chart, Panel, Trace
 from heli_flight.report.figures import write_figures
-from heli_flight.report.page import Head, filled
+from heli_flight.report.page import PageHeader, filled
 from heli_flight.report.tables import ReportTable, scope
 from heli_flight.terminal import being_filled, json_text
 from heli_studies.identify import (
@@ -269,7 +269,7 @@ def write_page(outcome: IdentifyOutcome, folder: Path) -> Path:
 
 def render(outcome: IdentifyOutcome, drawn: Sequence[Chart]) -> str:
     """The page as text."""
-    head = Head(
+    head = PageHeader(
         kind="Identification report · simulation",
         title="Identification of the hover model",
         heading="Identification of the hover model",

@@ -57,7 +57,7 @@ from heli_inner_hinf.robust.certificate import (
 from heli_inner_hinf.robust.uncertain import Range, Uncertain, uncertain_Matrix
 from heli_inner_hinf.robust.worst_case import (
     GainFamily,
-    Onset,
+    InstabilityOnset,
     UncertainFamily,
     WorstGain,
     worst_gain,
@@ -816,7 +816,7 @@ class DelayCase:
     """
 
     delay_ticks: int
-    onset: Onset
+    onset: InstabilityOnset
     certificate: RobustCertificate
     largest_psi: float
     exact_onset: float
@@ -912,7 +912,7 @@ def _culprit(nominal: HelicopterParameters, ranges: Sequence[Range]) -> str:
     return "several parameters together"
 
 
-def onset_of(A: Uncertain, ticks: int) -> Onset:
+def onset_of(A: Uncertain, ticks: int) -> InstabilityOnset:
     """The worst aircraft found of a loop's state matrix; raises as `prove`."""
     family = UncertainFamily(A)
     growth = family.abscissa(np.zeros(len(family.names)))
@@ -956,7 +956,9 @@ def _with_gains(proof: Proof, settings: Settings, gap: float) -> Proof:
         raise ParameterError(f"robust: worst gain, {ticks} ticks of delay: {error}") from None
 
 
-def exact_onset(aircraft: AircraftSet, law: OutputFeedback, ticks: int, onset: Onset) -> float:
+def exact_onset(
+    aircraft: AircraftSet, law: OutputFeedback, ticks: int, onset: InstabilityOnset
+) -> float:
     """The size at which the loop, sampled exactly, is unstable along the same direction."""
 
     def growth(factor: float) -> float:

@@ -17,7 +17,7 @@ from heli_core.rows import REFERENCE
 from heli_flight.flight_file import identity, own_parameters, packaged
 from heli_flight.record import FlightRecord
 from heli_flight.report.data import Chart, Panel, Trace, bands_beside, with_bands
-from heli_flight.report.page import Head, filled
+from heli_flight.report.page import PageHeader, filled
 from heli_flight.report.tables import ReportTable, mark
 from heli_flight.report.write import RecordedFlight, recorded
 from heli_flight.result import climb_cell, phases, verdict
@@ -81,7 +81,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Beside:
+class MetricComparison:
     """A metric over one stretch from one record, of all flights; None where it was not taken."""
 
     stretch: str
@@ -130,7 +130,7 @@ class FlightDiff:
 
     flights: Sequence[Named]
     parameters: Sequence[Difference]
-    metrics: Sequence[Beside]
+    metrics: Sequence[MetricComparison]
     climb: Sequence[tuple[str, Sequence[str]]]
 
     @property
@@ -283,7 +283,7 @@ def text(value: Any) -> str:
     return f"{value:.{_DIGITS}g}" if isinstance(value, float | np.floating) else str(value)
 
 
-def _metrics(flights: Sequence[Named]) -> list[Beside]:
+def _metrics(flights: Sequence[Named]) -> list[MetricComparison]:
     """What decides first; truth less drift where a standalone receiver flew."""
     kinds = {named.flight.settings.scenario.kind for named in flights}
     metrics = [m for kind, row in METRICS.items() if kind in kinds for m in row]
@@ -294,7 +294,7 @@ def _metrics(flights: Sequence[Named]) -> list[Beside]:
             for source in (s for s in SOURCE_NAMES if s in known):
                 scores = [_score(named.flight, stretch, metric, source) for named in flights]
                 if any(scores):
-                    rows.append(Beside(stretch, metric, source, scores))
+                    rows.append(MetricComparison(stretch, metric, source, scores))
     return rows
 
 
@@ -469,7 +469,7 @@ def render(comparison: FlightDiff) -> str:
     )
     sections = {chart.section for chart in drawn} | {"parameters", "metrics", "read"}
     names = " and ".join((", ".join(comparison.names[:-1]), comparison.names[-1]))
-    head = Head(
+    head = PageHeader(
         kind="Flights compared · simulation",
         title=f"{names} compared",
         heading=names,
@@ -574,7 +574,7 @@ def _parameter_table(comparison: FlightDiff) -> ReportTable:
     )
 
 
-def _of(comparison: FlightDiff, stretch: str) -> Iterable[Beside]:
+def _of(comparison: FlightDiff, stretch: str) -> Iterable[MetricComparison]:
     return (row for row in comparison.metrics if row.stretch == stretch)
 
 
@@ -583,12 +583,12 @@ def _head(comparison: FlightDiff) -> list[str]:
     return ["", "measured from", _PAPER, *comparison.names, *more]
 
 
-def _about(row: Beside) -> list[str]:
+def _about(row: MetricComparison) -> list[str]:
     metric = row.metric
     return [f"{metric.label}, {metric.unit}", SOURCE_NAMES[row.source], f"{metric.paper:g}"]
 
 
-def _changed(row: Beside) -> list[str]:
+def _changed(row: MetricComparison) -> list[str]:
     """The last cell of a comparison of two, none of more."""
     if len(row.scores) != 2:
         return []

@@ -69,7 +69,7 @@ _TEMPLATES.filters["with_indices"] = lambda text: Markup(with_indices(text))
 
 
 @dataclass(frozen=True)
-class Head:
+class PageHeader:
     """What stands on top of a page.
 
     Attributes
@@ -120,7 +120,7 @@ def render(
     heading = f"{report.kind.capitalize()} test in wind"
     if report.result.aircraft:
         heading += f": {report.result.aircraft}"
-    head = Head(
+    head = PageHeader(
         kind="Flight report · simulation",
         title=f"{heading}, seed {report.settings.seed}",
         heading=heading,
@@ -156,7 +156,7 @@ def _spectrum_tables(
     return [measured, *(loop_tables(design) if design else [])]
 
 
-def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -> str:
+def filled(template: str, head: PageHeader, charts: Sequence[Chart], **content: Any) -> str:
     """A template with head, charts and content in it.
 
     The page may run its own two scripts and nothing else, load nothing and send nothing: its

@@ -40,7 +40,7 @@ _INSIDE, _CLIMBS, _SHRUNK = 40, 25, 0.98
 
 
 @dataclass(frozen=True)
-class Onset:
+class InstabilityOnset:
     """The smallest deviations found at which a loop loses its stability.
 
     Attributes
@@ -88,13 +88,13 @@ class UncertainFamily:
         np.add.at(slopes.T, self._of, each.T)
         return modes, slopes
 
-    def onset(self, most: float) -> Onset:
+    def onset(self, most: float) -> InstabilityOnset:
         """The smallest destabilising deviations that the search finds, none above `most`."""
         modes, slopes = self.slopes(np.zeros(len(self.names)))
         # Modes by how far the box can push them: the share of their distance to the axis.
         reach = np.sum(np.abs(slopes.real), axis=1) / np.maximum(-modes.real, 1e-9)
         likely = np.argsort(-reach)[: 2 * _STARTS : 2]
-        best = Onset(np.inf, {}, 0.0)
+        best = InstabilityOnset(np.inf, {}, 0.0)
         tried: set[tuple[float, ...]] = set()
         for mode in likely:
             pattern = _signs(slopes[mode].real)
@@ -108,11 +108,11 @@ class UncertainFamily:
                 critical = int(np.argmax(now.real))
                 if size < best.size:
                     named = dict(zip(self.names, (size * pattern).tolist(), strict=True))
-                    best = Onset(size, named, abs(float(now[critical].imag)))
+                    best = InstabilityOnset(size, named, abs(float(now[critical].imag)))
                 pattern = _signs(now_slopes[critical].real)
         return self._smaller(best, most)
 
-    def _smaller(self, best: Onset, most: float) -> Onset:
+    def _smaller(self, best: InstabilityOnset, most: float) -> InstabilityOnset:
         """Smaller deviations than the best so far, from starts all over a box that is smaller.
 
         The worst member need not lie at a corner: a local search for the largest real part inside.
@@ -136,7 +136,7 @@ class UncertainFamily:
                 modes = np.linalg.eigvals(self.matrix(size * pattern))
                 named = dict(zip(self.names, (size * pattern).tolist(), strict=True))
                 frequency = abs(float(modes[int(np.argmax(modes.real))].imag))
-                best = Onset(size, named, frequency)
+                best = InstabilityOnset(size, named, frequency)
         return best
 
     def _downhill(self, delta: uncertain_Matrix) -> tuple[float, uncertain_Matrix]:

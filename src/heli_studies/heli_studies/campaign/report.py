@@ -18,7 +18,7 @@ from heli_core.metrics import BY_KEY, METRICS, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.report.data import Chart, Panel, Trace
 from heli_flight.report.figures import write_figures
-from heli_flight.report.page import Head, filled
+from heli_flight.report.page import PageHeader, filled
 from heli_flight.report.tables import ReportTable
 from heli_flight.scoring import SOURCE_NAMES, SOURCES, figures_of
 from heli_studies.campaign.run import (
@@ -547,9 +547,9 @@ def write_page(campaign: CampaignFolder, folder: Path, progress: Callable[[int],
     return folder / PAGE
 
 
-def _head(campaign: CampaignFolder, links: Mapping[str, str]) -> Head:
+def _head(campaign: CampaignFolder, links: Mapping[str, str]) -> PageHeader:
     flown = campaign.about["flown"]
-    return Head(
+    return PageHeader(
         kind="Campaign report · simulation",
         title=f"Campaign: {flown['scenario']}, {campaign.table.num_rows} flights",
         heading=f"Campaign of {campaign.table.num_rows} flights: {flown['scenario']}",

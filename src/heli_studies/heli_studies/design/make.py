@@ -54,10 +54,10 @@ from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, gamma_star, hinf_no
 from heli_inner_hinf.tuning import (
     AxisGains,
     Candidate,
+    LawBenchmark,
     LawFamily,
     LoopReport,
     SampledAircraft,
-    Yardstick,
     analyse,
     choose_observer_gain,
     gains_of,
@@ -147,7 +147,7 @@ EDGES = (
 """Corners of the set of `heli robust` at which laws of the family `hinf_output` end first."""
 
 
-def yardstick(helicopter: HelicopterParameters, actuation: Actuation) -> Yardstick:
+def yardstick(helicopter: HelicopterParameters, actuation: Actuation) -> LawBenchmark:
     """The nominal aircraft, then `MEMBERS`, all of which flap back.
 
     Inertias divide their rows, so they need not be those of one rigid body.
@@ -159,12 +159,12 @@ def yardstick(helicopter: HelicopterParameters, actuation: Actuation) -> Yardsti
     linear = linearize(helicopter, trim(helicopter))
     nominal = SampledAircraft("nominal", linear.A, linear.B, linear.E, actuation)
     others = tuple(_aircraft(one, helicopter, actuation) for one in MEMBERS)
-    return Yardstick(nominal, others)
+    return LawBenchmark(nominal, others)
 
 
 def beyond_the_box(
-    measure: Yardstick, helicopter: HelicopterParameters, actuation: Actuation
-) -> Yardstick:
+    measure: LawBenchmark, helicopter: HelicopterParameters, actuation: Actuation
+) -> LawBenchmark:
     """The same with a floor of `hinf_output` alone: stable with `EDGES`, 12 % beyond the box.
 
     So that the law of default is proved with some room; others are not held to it. Raises as
@@ -196,7 +196,7 @@ def _aircraft(
     return SampledAircraft(one.name, *plant, member_actuation, one.disk_margin)
 
 
-def searched_output(inner: Mapping[str, Any], measure: Yardstick) -> dict[str, Any]:
+def searched_output(inner: Mapping[str, Any], measure: LawBenchmark) -> dict[str, Any]:
     """`output` of the inner loop's parameters, moved until no step of a number saves `_WORTH`.
 
     gamma stays, and `command_effort`, which the feedback does not know: how fast the position loop
@@ -881,7 +881,7 @@ def design_of(
     gamma_factor: float | None = None,
     air: Mapping[str, Any] | None = None,
     search: bool = False,
-    measure: Yardstick | None = None,
+    measure: LawBenchmark | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> FinishedDesign:
     """Synthesise, choose the observer, tune the PID, analyse; no aircraft file is read.

@@ -29,7 +29,7 @@ from heli_inner_hinf.output_feedback import IndiGains, as_law, generalised_plant
 from heli_inner_hinf.robust.mu_synthesis import closed_loop, dk_iteration, response
 from heli_inner_hinf.robust.uncertain import balancing, truncated
 from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, lqr, output_selector, weights
-from heli_inner_hinf.tuning import LawFamily, Yardstick
+from heli_inner_hinf.tuning import LawBenchmark, LawFamily
 
 # -------------------------------------------------------------------------------------------------
 # Rivals.
@@ -147,7 +147,7 @@ def family(controller: str, nodes: Mapping[str, Mapping[str, Any]]) -> LawFamily
     )
 
 
-def measure_of(controller: str, common: Yardstick) -> Yardstick:
+def measure_of(controller: str, common: LawBenchmark) -> LawBenchmark:
     """What one of `KEYS` is measured by.
 
     PID and INDI: the nominal aircraft, and the one that flaps back; the PID with its own floor.
@@ -164,7 +164,7 @@ def measure_of(controller: str, common: Yardstick) -> Yardstick:
 def chosen(
     controller: str,
     nodes: Mapping[str, Mapping[str, Any]],
-    common: Yardstick,
+    common: LawBenchmark,
     strides: Sequence[int] = STRIDES,
     pairs: bool = True,
 ) -> dict[str, NDArray[np.float64]]:
