@@ -26,7 +26,7 @@ from heli_msgs_bridge.topics import BY_NAME
 
 Info = Mapping[str, Any]
 """rclpy's message info: `source_timestamp` (ns), `publication_sequence_number` and others."""
-SubscribingNode = Callable[[Any, Info | None], None]
+MessageCallback = Callable[[Any, Info | None], None]
 _MESSAGE_AND_INFO = inspect.Signature(
     [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
 )
@@ -38,7 +38,7 @@ SUCCESSOR_S = 0.08
 """Wall time after which a successor succeeds an owner that is not heard."""
 
 
-def with_info(hearer: SubscribingNode) -> Callable[..., None]:
+def with_info(hearer: MessageCallback) -> Callable[..., None]:
     """Callback for a subscription, by which every executor hands over the message's info, too.
 
     The EventsExecutor of Jazzy gives a pair where the others give two arguments. Without info (a
