@@ -22,7 +22,7 @@ from heli_flight.loop import simulate
 from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.sums import checksum
+from heli_msgs_bridge.signatures import checksum
 
 DURATION_S = 8.0
 START_NS = 1_000_000_000

@@ -22,7 +22,7 @@ from heli_flight.graph.bag_record import TRUTH_SUMS
 from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.sums import checksum
+from heli_msgs_bridge.signatures import checksum
 from support.handling_flights import vertical
 
 EVERY_S = 0.02

@@ -15,7 +15,7 @@ from heli_core.rows import PLANT
 from heli_flight.graph.bag_record import TRUTH_SUMS, foreign_truth
 from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.sums import read_checksums
+from heli_msgs_bridge.signatures import read_checksums
 
 TICKS = 300
 # The supervisor finds no stranger, as it is not there yet; the recorder then hears it first.

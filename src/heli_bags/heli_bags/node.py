@@ -17,6 +17,7 @@ from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.handover import Restarts
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.signatures import unsigned
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
     SENDERS,
@@ -25,9 +26,9 @@ from heli_msgs_bridge.sources import (
     Info,
     PublisherLock,
     TopicSenders,
+    lock_of,
     senders_of,
     several,
-    successors_of,
     with_info,
 )
 
@@ -163,12 +164,8 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
 
     def _owner(self, row: topics.Topic) -> PublisherLock:
         """Who decides whose messages of a stream are recorded: a second sender's are not."""
-        name = self.resolve_topic_name(row.name)
         silence_s, period_ns = self.values["peer_timeout_s"], row.period_ns(self.rate)
-        successor = successors_of(self, row.name)
-        return PublisherLock(
-            lambda: self.count_publishers(name), silence_s, period_ns, successor=successor
-        )
+        return lock_of(self, row.name, silence_s, period_ns)
 
     def _unsubscribe(self, core: ConfiguredRecorder) -> None:
         for subscription in (*core.subscriptions.values(), *core.plain):
@@ -235,7 +232,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             ):
                 self._name_strangers()
         try:
-            core.bag.write(name, raw)
+            core.bag.write(name, unsigned(raw) if name in topics.BY_NAME else raw)
         except BagError as error:
             self._complain(error)
 

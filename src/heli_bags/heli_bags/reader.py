@@ -27,7 +27,7 @@ from heli_msgs_bridge.diagnostics import ways_of
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.layouts import CHANNELS, MessageCause, MessageError
 from heli_msgs_bridge.messages import Decoder
-from heli_msgs_bridge.sums import SUM, checksum
+from heli_msgs_bridge.signatures import SUM, checksum
 
 # -------------------------------------------------------------------------------------------------
 # Whether a bag is whole, in words for the user; found without reading its messages.

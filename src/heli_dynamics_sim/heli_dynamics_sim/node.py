@@ -28,7 +28,7 @@ from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
 from heli_dynamics_sim.parameters import TABLE
 from heli_dynamics_sim.servo import Fallback, FallbackNumbers
 from heli_dynamics_sim.wind import injected_gust
-from heli_msgs_bridge import sums, topics
+from heli_msgs_bridge import signatures, topics
 from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import FIX_STATUS
@@ -96,7 +96,7 @@ class ConfiguredPlant(TickCore):
     over: str = ""
     fault_log: FaultLog = field(default_factory=FaultLog)
     describe: list[Callable[[], None]] = field(default_factory=list)
-    truth_sums: sums.ChecksumWriter | None = None
+    truth_sums: signatures.ChecksumWriter | None = None
     measure: Callable[..., None] = field(init=False)
     advance: Callable[..., None] = field(init=False)
 
@@ -317,16 +317,16 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         world = {WORLD_CLOCK} if self._in_a_world and topic == topics.TRUTH_ODOM else set()
         return super().expected_listeners(topic) | world
 
-    def _make_sums(self) -> sums.ChecksumWriter | None:
+    def _make_sums(self) -> signatures.ChecksumWriter | None:
         """Where the sums of the ground truth go, if anybody wants them."""
-        if not (path := os.environ.get(sums.VARIABLE)):
+        if not (path := os.environ.get(signatures.SUMS_VARIABLE)):
             return None
-        written = sums.ChecksumWriter(Path(path))
+        written = signatures.ChecksumWriter(Path(path))
         self.at_end(written.close)
         return written
 
     def _make_senders(
-        self, config: plant.PlantConfig, truth_sums: sums.ChecksumWriter | None
+        self, config: plant.PlantConfig, truth_sums: signatures.ChecksumWriter | None
     ) -> dict[str, Send]:
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])

@@ -50,6 +50,7 @@ from heli_msgs_bridge.services import (
     ros_value,
     trigger_of,
 )
+from heli_msgs_bridge.signatures import signature_of, signing
 from heli_msgs_bridge.sources import (
     DuplicateFilter,
     Info,
@@ -71,13 +72,16 @@ class Sender(Protocol):
 
 
 def publishing(node: Sender, publisher: Any, topic: str) -> Callable[[Any], None]:
-    """Publish function (bytes or message) of a lifecycle publisher."""
+    """Publish function (bytes or message) of a lifecycle publisher; bytes are signed."""
     publish_raw = publisher.handle.publish_raw
+    signature = signature_of(publisher.topic_name)
 
     def publish(message: Any) -> None:
         # Bytes, nearly always: rclpy's own way goes through four functions, each message.
         if type(message) is bytes:
             if publisher.is_activated:
+                if signature is not None:
+                    message = signature.sign(message)
                 publish_raw(message)
                 if node.sent is not None:
                     node.sent[topic].append(message)
@@ -505,10 +509,12 @@ class TableNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._validate_set)
         self.add_post_set_parameters_callback(self._apply_set)
         self._reporter = Reporter(
-            self.create_publisher(
-                topics.message_class(topics.BY_NAME[topics.DIAGNOSTICS].type),
-                topics.DIAGNOSTICS,
-                topics.qos(topics.DIAGNOSTICS),
+            signing(
+                self.create_publisher(
+                    topics.message_class(topics.BY_NAME[topics.DIAGNOSTICS].type),
+                    topics.DIAGNOSTICS,
+                    topics.qos(topics.DIAGNOSTICS),
+                )
             ),
             self.get_fully_qualified_name().lstrip("/"),
             hardware_of(self.get_namespace()),
@@ -827,7 +833,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def subscribe(
         self,
         topic: str,
-        callback: Callable[[Any], None],
+        callback: Callable[[Any], Any],
         qos: Any = None,
         raw: bool = False,
         owner: PublisherLock | None = None,

@@ -13,12 +13,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.handover import Successors, respawns
-from heli_msgs_bridge.topics import BY_NAME
+from heli_msgs_bridge.signatures import signature_of
+from heli_msgs_bridge.topics import BY_NAME, message_class
 
 # -------------------------------------------------------------------------------------------------
 # Arrivals.
@@ -60,16 +62,20 @@ def taking_info(call: Callable[..., None]) -> Callable[..., None]:
 
 
 def locked(
-    owner: "PublisherLock", hear: Callable[[bytes], None], ignored: Callable[[], None] | None
+    owner: "PublisherLock", hear: Callable[[bytes], bool | None], ignored: Callable[[], None] | None
 ) -> Callable[..., None]:
-    """Callback for `taking_info` that hears the owner's serialised messages, no others."""
+    """Callback for `taking_info` that hears the owner's serialised messages, no others.
+
+    What `hear` finds to be no message of the topic (it returns False) was nobody's.
+    """
     admits = owner.admits
 
     def call(message: Any, info: Info | None = None) -> None:
         if type(message) is tuple:
             message, info = message
         if admits(message, info):
-            hear(message)
+            if hear(message) is False:
+                owner.retract()
         elif ignored is not None:
             ignored()
 
@@ -118,6 +124,15 @@ class PublisherLock:
     now_s : callable, optional
         Wall time, s, where the middleware does not say when a message came. What waited in a
         queue came earlier than it is judged: a reader that lags sees no silence in its own time.
+    is_genuine : callable, optional
+        Whether a serialised message is signed by a node of this graph (`signatures`); others are
+        nobody's then, whatever their numbers.
+    is_message : callable, optional
+        Whether a serialised message is one of the topic's type; asked before another sender
+        becomes the owner.
+    strangers : callable, optional
+        Whether a sender has another name than the owner should have. None of them succeeds an
+        owner that is silent, but still in the graph.
     successor : callable, optional
         Whether an unexpected number is that of a successor of the owner, which may be dead; called
         with whether the owner has been silent for `SUCCESSOR_S`; before that not for known others.
@@ -137,14 +152,19 @@ class PublisherLock:
         period_ns: int,
         now_s: Callable[[], float] = time.monotonic,
         successor: Callable[[bool], bool] = lambda silent: False,
+        strangers: Callable[[], bool] = lambda: False,
+        is_message: Callable[[bytes], bool] = lambda raw: True,
+        is_genuine: Callable[[bytes], bool] | None = None,
     ) -> None:
         self._count, self._silence_s, self._now_s = count, silence_s, now_s
-        self._successor = successor
+        self._successor, self._strangers = successor, strangers
+        self._is_message, self._is_genuine = is_message, is_genuine
         self._period_ns = period_ns
         self._number: int | None = None
         self._before: int | None = None
         self._raw = b""
         self._heard_s = 0.0
+        self._last: tuple[int | None, bytes, float] = (None, b"", 0.0)
         self._others: set[int] = set()
         self.ignored = self.successions = 0
 
@@ -152,22 +172,33 @@ class PublisherLock:
         """Whether a serialised message is the owner's; without info it counts as the owner's."""
         if info is None:
             return True
+        if self._is_genuine is not None and not self._is_genuine(raw):
+            self.ignored += 1
+            return False
         number = info["publication_sequence_number"]
         came_s = info.get("received_timestamp", 0) / NS_PER_S or self._now_s()
         if (number - 1 == self._number and not self._others) or self._judge(number, raw, came_s):
+            self._last = self._number, self._raw, self._heard_s
             self._number, self._raw, self._heard_s = number, raw, came_s
             return True
         self.ignored += 1
         return False
 
+    def retract(self) -> None:
+        """What was admitted last is no message of the topic: it was not the owner's."""
+        self._number, self._raw, self._heard_s = self._last
+        self.ignored += 1
+
     def _judge(self, number: int, raw: bytes, came_s: float) -> bool:
         """Whether a message is the owner's, though its number says so not by itself."""
         last_number, before = self._number, self._before
         if last_number is None:
-            return True
+            return self._is_message(raw)
         next_one, known = number == last_number + 1, number in self._others
         if next_one and (not known or self._continues(raw)):
             return True
+        if not self._is_message(raw):
+            return False
         if before is not None and number == before + 1:
             self._others.add(last_number + 1)
             self._before = None
@@ -178,7 +209,7 @@ class PublisherLock:
             self._others.clear()
             self._before = last_number
             return True
-        if alone or silent_s > self._silence_s:
+        if alone or (silent_s > self._silence_s and not self._strangers()):
             # Numbers that go on are the owner's: messages between were lost.
             self.successions += not (alone and number > last_number)
             self._others.clear()
@@ -340,6 +371,44 @@ def successors_of(node: Node, topic: str) -> Callable[[bool], bool]:
         return silent and strangers is False
 
     return successor
+
+
+def lock_of(node: Node, topic: str, silence_s: float, period_ns: int) -> PublisherLock:
+    """Who decides whose messages of a graph's topic a node uses.
+
+    Parameters
+    ----------
+    node : Node
+    topic : str
+        Of the table (`topics.BY_NAME`).
+    silence_s, period_ns : float, int
+        As `PublisherLock` has them.
+
+    Raises
+    ------
+    KeyFileError
+        The environment names a key that is none.
+    """
+    name = node.resolve_topic_name(topic)
+    signature = signature_of(name)
+    return PublisherLock(
+        lambda: node.count_publishers(name),
+        silence_s,
+        period_ns,
+        successor=successors_of(node, topic),
+        strangers=lambda: strangers_of(node, topic) is not False,
+        is_message=lambda raw: is_message(topic, raw),
+        is_genuine=None if signature is None else signature.is_genuine,
+    )
+
+
+def is_message(topic: str, raw: bytes) -> bool:
+    """Whether serialised bytes are a message of a topic's type."""
+    try:
+        deserialize_message(raw, message_class(BY_NAME[topic].type))
+    except Exception:  # rclpy raises what it likes
+        return False
+    return len(raw) >= _LEAST_BYTES
 
 
 def full_name(sender: tuple[str, str]) -> str:

@@ -51,10 +51,10 @@ from heli_msgs_bridge.sources import (
     PublisherLock,
     TopicSenders,
     full_name,
+    lock_of,
     senders_of,
     several,
     strangers_of,
-    successors_of,
 )
 
 # -------------------------------------------------------------------------------------------------
@@ -154,8 +154,8 @@ def off_tick_refusal(topic: str, stamp_ns: int) -> str:
 
 def receiver(
     node: SubscribingNode, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
-) -> Callable[[bytes], None]:
-    """Callback for the serialised messages of a topic.
+) -> Callable[[bytes], bool]:
+    """Callback for the serialised messages of a topic; returns whether one is of its type.
 
     Parameters
     ----------
@@ -174,18 +174,18 @@ def receiver(
     since = node.heard_until
     lag = item.demand.lag_ticks
 
-    def receive(raw: bytes) -> None:
+    def receive(raw: bytes) -> bool:
         nonlocal since
         if since is not None and len(raw) >= _LEAST_BYTES:
             # Of what is repeated, what the predecessor has heard.
             if (stamp_of(raw) - start_ns) // tick_ns + lag <= since:
-                return
+                return True
             since = None
         try:
             value = decode(raw).copy()
         except CutOffError as error:
             refuse(str(error))
-            return
+            return False
         except FrameError as error:
             value = None
             aloud(str(error))
@@ -199,6 +199,7 @@ def receiver(
             refuse(off_tick_refusal(topic, decoder.stamp_ns))
         else:
             pace.take(topic, tick, value)
+        return True
 
     return receive
 
@@ -473,10 +474,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         """Who decides whose messages of a topic are used."""
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
         period_ns = topics.BY_NAME[topic].period_ns(self.rate)
-        name, successor = self.resolve_topic_name(topic), successors_of(self, topic)
-        return PublisherLock(
-            lambda: self.count_publishers(name), silence_s, period_ns, successor=successor
-        )
+        return lock_of(self, topic, silence_s, period_ns)
 
     def _look_at_all_senders(self, owners: Mapping[str, PublisherLock]) -> None:
         """Once a second: whether a topic has more than one sender, and who they are."""

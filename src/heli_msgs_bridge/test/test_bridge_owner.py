@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.layouts import CHANNELS
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.sources import SUCCESSOR_S, PublisherLock
+from heli_msgs_bridge.signatures import KEY_BYTES, Signature
+from heli_msgs_bridge.sources import SUCCESSOR_S, PublisherLock, is_message, locked
 
 PERIOD_NS = 10_000_000
 ENCODE = Encoder(topics.BARO).encode
@@ -138,3 +140,62 @@ def test_who_is_known_to_be_a_successor_need_not_wait_for_silence(topic):
     assert not topic.hears(8)
     assert topic.hears(1) and topic.hears(2)
     assert topic.owner.successions == 0 and topic.owner.ignored == 2
+
+
+def test_a_silent_owner_is_not_succeeded_by_a_stranger_while_it_is_there(topic):
+    """A loaded machine is silent, too: the stranger waits until the owner has left the graph."""
+    strangers = [True]
+    topic.owner = PublisherLock(
+        lambda: topic.senders, 0.5, PERIOD_NS, lambda: topic.time_s, strangers=lambda: strangers[0]
+    )
+    assert topic.hears(100)
+    topic.senders, topic.time_s = 2, 30.0
+    assert not topic.hears(7) and not topic.hears(8)
+    assert topic.hears(101)
+    topic.senders, topic.time_s = 1, 31.0
+    assert topic.hears(9) and topic.owner.successions == 1
+    # Of its own name: who was started again by hand.
+    topic.senders, topic.time_s, strangers[0] = 2, 62.0, False
+    assert topic.hears(1)
+
+
+@pytest.mark.parametrize("raw", [b"", b"\0\1\0\0", bytes(64)])
+def test_what_is_no_message_is_nobodys(topic, raw):
+    """Neither as the first one, nor with the owner's next number, nor after a silence."""
+    topic.owner = PublisherLock(
+        lambda: topic.senders, 0.5, PERIOD_NS, lambda: topic.time_s,
+        is_message=lambda raw: is_message(topics.ODOM, raw),
+    )  # fmt: skip
+    heard = []
+
+    def hear(message):
+        heard.append(message)
+        return is_message(topics.ODOM, message)
+
+    call = locked(topic.owner, hear, None)
+    odom = Encoder(topics.ODOM).encode(np.zeros(CHANNELS[topics.ODOM].size), PERIOD_NS)
+    call(raw, {"publication_sequence_number": 5})
+    assert heard == []
+    call(odom, {"publication_sequence_number": 100})
+    call(raw, {"publication_sequence_number": 101})
+    call(odom, {"publication_sequence_number": 101})
+    assert heard == [odom, raw, odom] and topic.owner.ignored == 2
+    topic.time_s = 9.0
+    call(raw, {"publication_sequence_number": 7})
+    assert len(heard) == 3
+
+
+def test_a_forged_number_is_of_no_use_without_the_key(topic):
+    signature = Signature(bytes(KEY_BYTES), "/baro")
+    topic.owner = PublisherLock(
+        lambda: 2, 0.5, PERIOD_NS, lambda: topic.time_s, is_genuine=signature.is_genuine
+    )
+    raw = ENCODE(np.zeros(1), 0)
+    forged = signature.sign(raw)[:-1] + b"\1"
+    assert not topic.owner.admits(forged, {"publication_sequence_number": 99})
+    assert topic.owner.admits(signature.sign(raw), {"publication_sequence_number": 100})
+    topic.time_s = 60.0
+    assert not topic.owner.admits(forged, {"publication_sequence_number": 101})
+    assert not topic.owner.admits(raw, {"publication_sequence_number": 101})
+    assert topic.owner.admits(signature.sign(raw), {"publication_sequence_number": 101})
+    assert topic.owner.ignored == 3 and topic.owner.successions == 0

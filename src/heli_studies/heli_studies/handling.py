@@ -55,7 +55,7 @@ from heli_inner_hinf.tuning import loops_of, to_command, to_disturbance
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.messages import Decoder
-from heli_msgs_bridge.sums import SUM, checksum
+from heli_msgs_bridge.signatures import SUM, checksum
 
 # -------------------------------------------------------------------------------------------------
 # Data.

@@ -29,7 +29,7 @@ from heli_msgs_bridge.diagnostics import (
     offset_of,
     state_of,
 )
-from heli_msgs_bridge.sums import SUM, read_checksums
+from heli_msgs_bridge.signatures import SUM, read_checksums
 from heli_outer_pd.failsafes import Action
 from heli_outer_pd.parameters import NODE_NAME as OUTER_LOOP
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, moved

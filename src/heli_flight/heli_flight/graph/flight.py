@@ -6,7 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -57,9 +57,10 @@ from heli_flight.settings import (
 )
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameters import NODE_NAME as LIVE
-from heli_msgs_bridge import sums, topics
+from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED, NodeState
 from heli_msgs_bridge.lifecycle_node import READY_LIMIT_S
+from heli_msgs_bridge.signatures import KEY_VARIABLE, SUMS_VARIABLE, flight_key
 from heli_msgs_bridge.sources import SENDERS
 
 # -------------------------------------------------------------------------------------------------
@@ -496,6 +497,8 @@ class Graph:
         Whether the nodes of the loop are in one process.
     respawn : bool
         Whether nodes that die in flight are started again.
+    key : Path, optional
+        File with the key that the nodes sign their messages with.
 
     Attributes
     ----------
@@ -514,7 +517,9 @@ class Graph:
         namespace: str = "",
         composed: bool = False,
         respawn: bool = False,
+        key: Path | None = None,
     ):
+        self._key = key
         self.namespace, self.composed = namespace, composed
         self._respawn = Respawn(folder, say) if respawn else None
         self._faults: ProcessFaults | None = None
@@ -545,6 +550,8 @@ class Graph:
         (logs := self.folder / "logs").mkdir()
         prepare_environment()
         env = {**os.environ, **(self._respawn.environment() if self._respawn else {})}
+        if self._key is not None:
+            env[KEY_VARIABLE] = str(self._key.absolute())
         parameters = logs.parent / "graph.yaml"
         dump_all(of_graph(self.settings, self.folder, self.live, self.namespace), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
@@ -555,7 +562,7 @@ class Graph:
             name, log = program.name, logs / f"{program.name}.log"
             extra_env = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
             if "plant" in program.nodes:
-                extra_env[sums.VARIABLE] = str((self.folder / TRUTH_SUMS).absolute())
+                extra_env[SUMS_VARIABLE] = str((self.folder / TRUTH_SUMS).absolute())
             self.processes[name] = NodeProcess(
                 name, program.module, arguments, log, env | extra_env
             )
@@ -574,7 +581,7 @@ class Graph:
                 self._began_ros = True
                 rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             names = [*(node.name for node in NODES), "recorder", *([LIVE] if self.live else [])]
-            self.supervisor = Supervisor(names, self.namespace)
+            self.supervisor = Supervisor(names, self.namespace, key=self._key)
             self._joined_s = time.monotonic()
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
@@ -795,15 +802,23 @@ def fly_graph(
         The graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    graph = Graph(settings, folder, live, say, composed=composed, respawn=respawn)
+    with flight_key(folder / _KEY) as key:
+        graph = Graph(settings, folder, live, say, composed=composed, respawn=respawn, key=key)
+        end, up = _flown(graph, progress)
+    flown = outcome(settings, folder, *end, round(up - begun, 3), composed=composed)
+    return graph.with_process_events(*flown)
+
+
+def _flown(
+    graph: Graph, progress: Callable[[float], None]
+) -> tuple[tuple[Mapping[str, NodeStatus], list[str]], float]:
+    """Fly a graph from its start to its end; what `ended` gives, and when it was up."""
     with running(graph):
         graph.start()
         graph.bring_up()
         up = time.monotonic()
         graph.fly(progress)
-        end = ended(graph)
-    flown = outcome(settings, folder, *end, round(up - begun, 3), composed=composed)
-    return graph.with_process_events(*flown)
+        return ended(graph), up
 
 
 def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
@@ -819,12 +834,14 @@ def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
 # -------------------------------------------------------------------------------------------------
 
 _CLOCK = "world_clock"
+_KEY = "graph.key"
 
 
-def _start_clock(names: Sequence[str], folder: Path) -> NodeProcess:
+def _start_clock(names: Sequence[str], folder: Path, key: Path) -> NodeProcess:
     arguments = ["--ros-args", "-p", f"aircraft:=[{', '.join(names)}]"]
     module = "heli_flight.graph.world_clock_node"
-    return NodeProcess(_CLOCK, module, arguments, folder / f"{_CLOCK}.log", dict(os.environ))
+    env = {**os.environ, KEY_VARIABLE: str(key.absolute())}
+    return NodeProcess(_CLOCK, module, arguments, folder / f"{_CLOCK}.log", env)
 
 
 def fly_several(
@@ -860,15 +877,17 @@ def fly_several(
         A graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    graphs = {
-        n: Graph(its_settings, folder / n, None, say, n, composed)
-        for n, its_settings in settings.items()
-    }
-    first = next(iter(graphs.values()))
-    with running(*graphs.values()):
+    with ExitStack() as until_all_have_ended:
+        key = until_all_have_ended.enter_context(flight_key(folder / _KEY))
+        graphs = {
+            n: Graph(its_settings, folder / n, None, say, n, composed, key=key)
+            for n, its_settings in settings.items()
+        }
+        first = next(iter(graphs.values()))
+        until_all_have_ended.enter_context(running(*graphs.values()))
         for graph in graphs.values():
             graph.start()
-        clock = _start_clock(list(graphs), folder)
+        clock = _start_clock(list(graphs), folder, key)
         try:
             for graph in graphs.values():
                 others = [other.check_own for other in graphs.values() if other is not graph]

@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -29,6 +30,7 @@ from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of, state_of
 from heli_msgs_bridge.node_process import wait_for_dds_shutdown
+from heli_msgs_bridge.signatures import signature_of, signing
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
     SENDER_FIELDS,
@@ -162,6 +164,8 @@ class Supervisor(Node):
         Names of the managed nodes, relative to this node's namespace.
     namespace : str
         Of this node, empty for none.
+    key : Path, optional
+        File with the key that the nodes sign their messages with.
     """
 
     def __init__(
@@ -169,7 +173,9 @@ class Supervisor(Node):
         managed: Sequence[str],
         namespace: str = "",
         context: rclpy.Context | None = None,
+        key: Path | None = None,
     ):
+        self._key = key
         super().__init__(NODE_NAME, namespace=namespace, context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
@@ -208,7 +214,9 @@ class Supervisor(Node):
             DiagnosticArray, topics.DIAGNOSTICS, topics.qos(topics.DIAGNOSTICS)
         )
         name = self.get_fully_qualified_name().lstrip("/")
-        self._reporter = Reporter(sender, name, hardware_of(self.get_namespace()))
+        self._reporter = Reporter(
+            signing(sender, self._key), name, hardware_of(self.get_namespace())
+        )
 
     def _on_clock(self, raw: bytes) -> None:
         self._now_ns = stamp_of(raw)
@@ -233,7 +241,10 @@ class Supervisor(Node):
 
         Who else speaks under a node's name is not believed: one word "over" would end the flight.
         """
-        message = deserialize_message(raw, DiagnosticArray)
+        try:
+            message = deserialize_message(raw, DiagnosticArray)
+        except Exception:  # rclpy raises what it likes; a stranger's bytes end no flight
+            return
         stamp = message.header.stamp
         time_s = stamp.sec + 1e-9 * stamp.nanosec
         own_namespace = self.get_namespace().strip("/")
@@ -242,12 +253,17 @@ class Supervisor(Node):
             if namespace.strip("/") != own_namespace or name == NODE_NAME or self._is_past(name):
                 continue
             # How many speak on a topic of all says nothing of one name: it never counts as alone.
-            lock = self._locks.setdefault(name, PublisherLock(lambda: 2, _SILENT_S, TICK_NS))
+            lock = self._locks.setdefault(name, self._lock())
             if not lock.admits(raw, info):
                 continue
             level = int.from_bytes(status.level, "little")
             facts = {pair.key: pair.value for pair in status.values}
             self.statuses[name] = NodeStatus(level, status.message, time_s, facts)
+
+    def _lock(self) -> PublisherLock:
+        signature = signature_of(self.resolve_topic_name(topics.DIAGNOSTICS), self._key)
+        genuine = None if signature is None else signature.is_genuine
+        return PublisherLock(lambda: 2, _SILENT_S, TICK_NS, is_genuine=genuine)
 
     def _is_past(self, name: str) -> bool:
         """Whether the flight is over for a node: that the plant is silent then is no news."""
