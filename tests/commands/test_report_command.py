@@ -220,7 +220,7 @@ def test_ground_truth_of_somebody_else_is_said_and_is_exit_code_1(capsys, flown,
     flight = heli.load(flown)
     assert (flight.verdict, flight.exit_code) == (verdict, 1)
     again = shutil.copytree(flown, flown.with_name("again"))
-    assert cli.main(["diff", str(flown), str(again), "--out", str(flown / "d.html")]) == 0
+    assert cli.main(["diff", str(flown), str(again), "--out", str(flown / "d.html")]) == 1
     assert f"forged: {verdict}" in capsys.readouterr().out
 
 
