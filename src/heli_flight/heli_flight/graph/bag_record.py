@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_bags.reader import Bag, Remark, Stream, read_bag
+from heli_bags.reader import Bag, Remark, read_bag
 from heli_bags.writer import BagError
 from heli_core.coverage import A_FEW
 from heli_core.errors import FlightError
