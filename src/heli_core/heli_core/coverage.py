@@ -79,7 +79,10 @@ class Coverage:
 
 
 def coverage_of(
-    time_s: ArrayLike, spans_s: Iterable[Sequence[float]], period_s: float = TICK_S
+    time_s: ArrayLike,
+    spans_s: Iterable[Sequence[float]],
+    period_s: float = TICK_S,
+    few: int = A_FEW,
 ) -> Coverage:
     """What of some stretches is recorded.
 
@@ -90,8 +93,9 @@ def coverage_of(
     spans_s : iterable of (float, float)
         Begin and end of each stretch, s, the end excluded. Where two overlap they are one.
     period_s : float
-        From one sample to the next, s; each stands for so long. More than `A_FEW` of them without
-        a sample are a gap.
+        From one sample to the next, s; each stands for so long.
+    few : int
+        More than so many of them without a sample are a gap; 0 for whom every sample counts.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def coverage_of(
     times = np.unique(np.asarray(time_s, dtype=np.float64))
     times = times[np.isfinite(times)]
     spans = _joined(spans_s)
-    gaps = [gap for span in spans for gap in _gaps(times, span, period_s)]
+    gaps = [gap for span in spans for gap in _gaps(times, span, period_s, few)]
     asked = math.fsum(end - begin for begin, end in spans)
     held = max(0.0, asked - math.fsum(end - begin for begin, end in gaps))
     return Coverage(spans, held, gaps[0] if gaps else None)
@@ -133,10 +137,10 @@ def _joined(spans_s: Iterable[Sequence[float]]) -> tuple[Span, ...]:
     return tuple(joined)
 
 
-def _gaps(times: NDArray[np.float64], span: Span, period_s: float) -> list[Span]:
+def _gaps(times: NDArray[np.float64], span: Span, period_s: float, few: int) -> list[Span]:
     begin, end = span
     # Half a period: times of whole ticks, rounded, are inside or outside beyond doubt.
     inside = times[(times > begin - 0.5 * period_s) & (times < end - 0.5 * period_s)]
     since, until = np.r_[begin, inside + period_s], np.r_[inside, end]
-    gaps = np.flatnonzero(until - since > (A_FEW + 0.5) * period_s)
+    gaps = np.flatnonzero(until - since > (few + 0.5) * period_s)
     return [(float(since[i]), float(until[i])) for i in gaps]

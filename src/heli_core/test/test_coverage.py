@@ -47,6 +47,12 @@ def test_a_few_periods_are_no_gap_and_one_more_is(at):
     assert not coverage_of(more, WINDOWS_S).is_whole
 
 
+def test_where_every_sample_counts_one_that_is_missing_is_a_gap():
+    coverage = coverage_of(np.delete(TIMES_S, 3000), WINDOWS_S, few=0)
+    assert coverage.gap_s == pytest.approx((30.0, 30.01))
+    assert coverage_of(TIMES_S, WINDOWS_S, few=0).is_whole
+
+
 def test_a_gap_outside_of_what_is_asked_is_none():
     assert coverage_of(TIMES_S[(TIMES_S < 18.0) | (TIMES_S > 24.0)], WINDOWS_S).is_whole
 
