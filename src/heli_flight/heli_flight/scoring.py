@@ -140,14 +140,18 @@ class Figures:
         return {WHOLE: self.whole, WINDOWS: self.windows}[stretch]
 
     def covered(self, gps: str, stretch: str | None = None) -> Coverage:
-        """The least that a record that decides has of a stretch; None: of any.
+        """The least that a record that decides has of a stretch.
 
-        The windows alone decide what is inside, but what is said of a flight is said of all of it.
+        None: of the windows, which decide the exit code, or, where these are whole, of the flight
+        around them: what is said of a flight is said of all of it.
         """
+        if stretch is None:
+            windows, whole = self.covered(gps, WINDOWS), self.covered(gps, WHOLE)
+            return windows if whole.is_whole or not windows.is_whole else whole
         return least(
             coverage
             for (of, source), coverage in self.coverage.items()
-            if stretch in (None, of) and decides(source, gps)
+            if of == stretch and decides(source, gps)
         )
 
     def find(self, stretch: str, key: str, source: str) -> Score | None:
