@@ -2,7 +2,6 @@
 """Scores of made-up flights whose errors are known."""
 
 import math
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -24,6 +23,7 @@ from heli_flight.scoring import (
     score,
     sources_of,
 )
+from support.record_bag import rows_of
 
 
 def scenario(name="hover", **changes):
@@ -123,8 +123,7 @@ def test_a_record_that_ends_early_is_partial(end_s, gap_s, share):
 @pytest.mark.parametrize("begin", [0, 1500, 2000, 4000, 5900])
 def test_a_gap_anywhere_is_partial_also_of_one_record_alone(begin):
     rows = np.delete(np.arange(6000), np.arange(begin, begin + 50))
-    of_both = record(**{f.name: getattr(record(), f.name)[rows] for f in fields(FlightRecord)
-                        if getattr(record(), f.name) is not None})  # fmt: skip
+    of_both = rows_of(record(), rows)
     pos = np.zeros((6000, 3))
     # Before 5 s navigation may not have begun.
     pos[begin or 500 : (begin or 500) + 50] = np.nan
