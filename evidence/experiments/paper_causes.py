@@ -88,7 +88,7 @@ def flown(world: str, cause: Cause, test: str, seed: int) -> FlownSeed:
     """Figures of a flight."""
     settings = settings_of(world, cause, test)
     flight = simulate(settings.with_seed(seed), cause.ideal)
-    return FlownSeed.of(seed, flight, settings.scenario)
+    return FlownSeed.of(seed, flight, settings)
 
 
 def row(place: Place[FlownSeed]) -> dict[str, Any]:

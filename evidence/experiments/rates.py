@@ -32,7 +32,9 @@ def flown(gps: str, rate_hz: int, seed: int) -> dict[str, Any]:
     """Largest figures of a flight, whether all are inside, whether it was lost."""
     scenario = settings(gps, rate_hz, seed)
     flight = simulate(scenario)
-    result = Result(score(flight.record, scenario.scenario), flight.sentence, 0.0, 0.0)
+    result = Result(
+        score(flight.record, scenario.scenario, scenario.rate), flight.sentence, 0.0, 0.0
+    )
     windows = [one for one in result.figures.windows if one.source == RECEIVERS[gps]]
     return {
         "lost": bool(flight.status),

@@ -40,7 +40,7 @@ def fly(gps: str, aircraft: str, seed: int) -> FlownSeed:
     nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
     config = replace(nominal, helicopter=replace(nominal.helicopter, **AIRCRAFT[aircraft]))
     flight = fly_loop(build(settings.with_seed(seed), plant_config=config), settings)
-    return FlownSeed.of(seed, flight, settings.scenario)
+    return FlownSeed.of(seed, flight, settings)
 
 
 def row_of(place: Place[FlownSeed]) -> dict[str, Any]:

@@ -69,8 +69,11 @@ def rows(record):
     }  # fmt: skip
 
 
-def write_bag(folder, record, names, prefix="/heli/", other=None):
-    """A bag of the graph in a namespace, as `ros2 bag record` would write it, and another topic."""
+def write_bag(folder, record, names, prefix="/heli/", other=None, held=lambda name, time_s: True):
+    """A bag of the graph in a namespace, as `ros2 bag record` would write it, and another topic.
+
+    Of each topic what was held of it, by its name and the flight time.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     streams = rows(record)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -80,7 +83,9 @@ def write_bag(folder, record, names, prefix="/heli/", other=None):
             encoder = Encoder(name)
             for tick, row in enumerate(streams[name]):
                 stamp = START_NS + tick * TICK_NS
-                writer.write(connection, stamp, encoder.encode(np.ascontiguousarray(row), stamp))
+                if held(name, tick / 100.0):
+                    raw = encoder.encode(np.ascontiguousarray(row), stamp)
+                    writer.write(connection, stamp, raw)
         if other:
             connection = writer.add_connection(other, "std_msgs/msg/Empty", typestore=store)
             writer.write(connection, START_NS, b"\x00\x01\x00\x00\x00")
@@ -178,16 +183,20 @@ def sums_of(record):
     ]
 
 
-@pytest.fixture
-def flown(tmp_path, record):
+def flight_folder(folder, record, held=lambda name, time_s: True):
     """A flight's folder with what the plant sent."""
-    folder = tmp_path / "flight"
     folder.mkdir()
-    write_bag(folder / "bag", record, FULL)
+    write_bag(folder / "bag", record, FULL, held=held)
     write_parameters(resolve(duration_s=DURATION_S), folder / "params.yaml")
     (folder / "result.json").write_text('{"mode": "lockstep"}')
     (folder / TRUTH_SUMS).write_bytes(b"".join(sums_of(record)))
     return folder
+
+
+@pytest.fixture
+def flown(tmp_path, record):
+    """A flight's folder with what the plant sent."""
+    return flight_folder(tmp_path / "flight", record)
 
 
 def verdicts(folder):
@@ -220,8 +229,51 @@ def test_ground_truth_of_somebody_else_is_said_and_is_exit_code_1(capsys, flown,
     flight = heli.load(flown)
     assert (flight.verdict, flight.exit_code) == (verdict, 1)
     again = shutil.copytree(flown, flown.with_name("again"))
-    assert cli.main(["diff", str(flown), str(again), "--out", str(flown / "d.html")]) == 0
+    assert cli.main(["diff", str(flown), str(again), "--out", str(flown / "d.html")]) == 1
     assert f"forged: {verdict}" in capsys.readouterr().out
+
+
+LACKING = {
+    # As the bag of a disk that is full.
+    "the end": (lambda name, t: t < 6.0, (6.0, 8.0), 1.0 / 3.0),
+    "the beginning": (lambda name, t: t >= 5.5, (5.0, 5.5), 2.5 / 3.0),
+    "the middle": (lambda name, t: not 6.0 <= t < 6.5, (6.0, 6.5), 2.5 / 3.0),
+    "navigation alone": (lambda n, t: n != topics.ODOM or not 6.0 <= t < 6.5, (6.0, 6.5), 2.5 / 3),
+    "all navigation": (lambda name, t: name != topics.ODOM, (5.0, 8.0), 0.0),
+}
+
+
+@pytest.mark.parametrize("lacking", LACKING)
+def test_a_flight_of_which_a_part_was_recorded_is_partial(capsys, flown, record, lacking):
+    """Over what is not there nothing is judged: report, diff and script say how much is there."""
+    held, gap_s, share = LACKING[lacking]
+    folder = flight_folder(flown.with_name("poor"), record, held)
+    code, out, _ = run(capsys, folder, "--json")
+    content = json.loads(out)
+    assert (code, content["verdict"]) == (1, "partial")
+    assert content["coverage"]["first_gap_s"] == pytest.approx(gap_s)
+    assert content["coverage"]["share"] == pytest.approx(share)
+    code, out, _ = run(capsys, folder)
+    assert code == 1 and f"PARTIAL: {content['partial']}\n" in out
+    (shown,) = verdicts(folder)
+    assert shown.startswith('bad"') and content["partial"] in shown
+    flight = heli.load(folder)
+    assert (flight.exit_code, flight.verdict) == (1, content["partial"])
+    assert flight.coverage == pytest.approx(share)
+    words = ["diff", str(flown), str(folder), "--out", str(folder / "d.html"), "--json"]
+    assert cli.main(words) == 1
+    whole, poor = json.loads(capsys.readouterr().out)["flights"]
+    assert (whole["verdict"], whole["coverage"]["share"]) == ("inside", 1.0)
+    assert (poor["verdict"], poor["coverage"]) == ("partial", content["coverage"])
+    assert content["partial"] in (folder / "d.html").read_text(encoding="utf-8")
+    assert heli.diff(flown, folder).partial == {"poor": content["partial"]}
+
+
+def test_a_few_messages_that_are_missing_are_no_gap(capsys, flown, record):
+    folder = flight_folder(flown.with_name("good"), record, lambda name, t: not 6.0 <= t < 6.045)
+    code, out, _ = run(capsys, folder, "--json")
+    content = json.loads(out)
+    assert (code, content["verdict"], content["coverage"]["share"]) == (0, "inside", 1.0)
 
 
 def test_sums_that_are_missing_are_said(capsys, flown):

@@ -64,8 +64,11 @@ def write_bag(folder, names, drift_m=0.5, flown=None, start_ns=START_NS):
 OMEGA, DAMPING = 6.0, 0.7
 
 
-def write_sweep(folder):
-    """A sweep of the roll setpoint through a second-order lag; negated, as a vector's x."""
+def write_sweep(folder, held=lambda name, time_s: True, start_ns=START_NS):
+    """A sweep of the roll setpoint through a second-order lag; negated, as a vector's x.
+
+    Of each topic what was held of it, by its name and the time.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     t = np.arange(0.0, 80.0, EVERY_S)
     swept = 0.1 * signal.chirp(t, 0.1, t[-1], 4.0, method="logarithmic", phi=-90.0)
@@ -78,15 +81,16 @@ def write_sweep(folder):
             writer.add_connection(f"/{name}", topics.BY_NAME[name].type, typestore=store)
             for name in names
         ]
-        for k, stamp in enumerate((START_NS + np.round(1e9 * t)).astype(int).tolist()):
+        for k, stamp in enumerate((start_ns + np.round(1e9 * t)).astype(int).tolist()):
             still = np.zeros(6)
             rows = (
                 np.concatenate([still, quat_from_euler(roll[k], 0.0, 0.0), np.zeros(3)]),
                 np.array([swept[k], 0.0, 0.0]),
                 np.array([0.0, -swept[k], 0.0]),  # NED: its x in ENU
             )
-            for line, encoder, row in zip(lines, encoders, rows, strict=True):
-                writer.write(line, stamp, encoder.encode(row, stamp))
+            for name, line, encoder, row in zip(names, lines, encoders, rows, strict=True):
+                if held(name, t[k]):
+                    writer.write(line, stamp, encoder.encode(row, stamp))
     return folder
 
 
@@ -219,7 +223,8 @@ def test_ground_truth_that_the_plant_did_not_send_is_exit_code_1(bags, capsys, t
     climb = vertical()
     motion = climb.time_s, climb.pos_ned_m
     write_bag(tmp_path / "bag", ["/ground_truth/odom"], flown=motion, start_ns=NS_PER_S)
-    write_parameters(resolve(), tmp_path / "params.yaml")
+    ordered = resolve(duration_s=climb.time_s.size * EVERY_S)
+    write_parameters(ordered, tmp_path / "params.yaml")
     (tmp_path / "result.json").write_text("{}")
     with opened(tmp_path / "bag") as reader:
         lines = [line for line in reader.connections if line.topic == "/ground_truth/odom"]
@@ -235,6 +240,77 @@ def test_ground_truth_that_the_plant_did_not_send_is_exit_code_1(bags, capsys, t
     code, out, _ = run(capsys, *words)
     assert code == 1 and "FORGED: ground_truth/odom " in out
     assert f" 1 of {len(raw)} " in out and " 0.14 s" in out
+
+
+def cut(track, begin_s, end_s):
+    """Times and positions of a track without what is between two times."""
+    kept = (track.time_s < begin_s) | (track.time_s >= end_s)
+    return track.time_s[kept], track.pos_ned_m[kept]
+
+
+def scored(capsys, bag, *words):
+    """Exit code, JSON and text of a score."""
+    code, out, _ = run(capsys, bag, *words, "--json")
+    told = run(capsys, bag, *words)
+    assert told[0] == code
+    return code, json.loads(out), told[1]
+
+
+@pytest.mark.parametrize("missing_s", [(12.0, 14.0), (0.3, 0.6)])
+def test_a_manoeuvre_with_a_gap_is_partial(capsys, tmp_path, missing_s):
+    """What was flown in the gap nobody knows."""
+    bag = write_bag(tmp_path / "gap", ["/odom"], flown=cut(vertical(), *missing_s))
+    code, content, text = scored(capsys, bag, "--mte", "vertical")
+    assert code == 1
+    assert content["coverage"]["first_gap_s"] == pytest.approx(missing_s, abs=EVERY_S)
+    assert content["coverage"]["share"] < 1.0
+    assert f"PARTIAL: {content['partial']}" in text
+
+
+def test_a_manoeuvre_is_asked_for_as_long_as_its_flight_was_ordered(capsys, tmp_path):
+    """A disk that was full before the end; the same bag alone is of a flight that ended there."""
+    climb = vertical()
+    last_s = float(climb.time_s[-1])
+    motion = climb.time_s, climb.pos_ned_m
+    write_bag(tmp_path / "bag", ["/ground_truth/odom"], flown=motion, start_ns=NS_PER_S)
+    assert scored(capsys, tmp_path, "--mte", "vertical")[0] == 0
+    write_parameters(resolve(duration_s=last_s + 5.0), tmp_path / "params.yaml")
+    code, content, _ = scored(capsys, tmp_path, "--mte", "vertical")
+    assert code == 1
+    assert content["coverage"]["first_gap_s"] == pytest.approx([last_s, last_s + 5.0], abs=0.1)
+    # What is asked for by its times is judged by these.
+    code, content, _ = scored(capsys, tmp_path, "--mte", "vertical", "--end", last_s)
+    assert (code, content["partial"]) == (0, "")
+
+
+def test_a_flight_that_was_recorded_late_is_scored_at_its_own_times(capsys, tmp_path):
+    climb = vertical()
+    motion = cut(climb, 0.0, 1.0)
+    write_bag(tmp_path / "bag", ["/ground_truth/odom"], flown=motion, start_ns=NS_PER_S)
+    write_parameters(resolve(duration_s=float(climb.time_s[-1])), tmp_path / "params.yaml")
+    _, content, _ = scored(capsys, tmp_path, "--mte", "vertical")
+    assert content["coverage"]["first_gap_s"] == pytest.approx([-1.0, 0.0])
+
+
+@pytest.mark.parametrize("silent", [topics.TRUTH_ODOM, topics.ATTITUDE_SETPOINT])
+def test_a_response_with_a_gap_is_partial(capsys, tmp_path, silent):
+    """Straight lines over the gap are no answer of the aircraft, nor what was swept."""
+    bag = write_sweep(tmp_path / "gap", lambda name, t: name != silent or not 30.0 <= t < 31.0)
+    code, content, text = scored(capsys, bag, "--response")
+    assert code == 1
+    assert content["coverage"]["first_gap_s"] == pytest.approx([30.0, 31.0], abs=EVERY_S)
+    assert f"PARTIAL: {content['partial']}" in text
+
+
+@pytest.mark.parametrize("silent", [topics.TRUTH_ODOM, topics.ATTITUDE_SETPOINT])
+def test_a_response_is_asked_for_as_long_as_its_flight_was_ordered(capsys, tmp_path, silent):
+    write_sweep(tmp_path / "bag", lambda name, t: name != silent or t < 60.0, NS_PER_S)
+    assert scored(capsys, tmp_path, "--response")[0] == 0
+    write_parameters(resolve(duration_s=80.0), tmp_path / "params.yaml")
+    code, content, _ = scored(capsys, tmp_path, "--response")
+    assert code == 1
+    assert content["coverage"]["first_gap_s"] == pytest.approx([60.0, 80.0], abs=EVERY_S)
+    assert content["coverage"]["share"] == pytest.approx(0.75, abs=0.01)
 
 
 @pytest.mark.parametrize(

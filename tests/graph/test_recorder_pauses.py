@@ -29,7 +29,7 @@ def with_pause(hover_test, tmp_path):
         assert done.returncode in (0, 1), done.stderr
         assert (folder / "result.json").is_file(), done.stdout + done.stderr
         result = json.loads((folder / "result.json").read_text())
-        if not result["partial"]:
+        if not result["unheard"]:
             return folder, result
         assert done.returncode == 1 and f"PARTIAL: {result['partial']}" in done.stdout
     raise AssertionError(f"{FLIGHTS} recorders in turn no longer answered after a pause")

@@ -2,6 +2,7 @@
 """A flight's folder as a graph would have left it, out of a flight of one process."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from heli_bags.reader import Remark
 from heli_core.ticks import stamp_at
 from heli_flight.flight_file import NAME, write_parameters
 from heli_flight.loop import simulate
+from heli_flight.record import FlightRecord
 from heli_flight.replay import remarks_of, stamps_of, streams_of
 from heli_flight.settings import Settings
 from heli_msgs_bridge import topics
@@ -70,6 +72,12 @@ def _raw(store: Any, remark: Remark) -> bytes:
     header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="")
     array = kinds["diagnostic_msgs/msg/DiagnosticArray"](header=header, status=[status])
     return bytes(store.serialize_cdr(array, "diagnostic_msgs/msg/DiagnosticArray"))
+
+
+def rows_of(record: FlightRecord, kept: Any) -> FlightRecord:
+    """Rows of a record: a slice, a mask or numbers of rows."""
+    arrays = {field.name: getattr(record, field.name) for field in fields(record)}
+    return FlightRecord(**{n: None if a is None else a[kept] for n, a in arrays.items()})
 
 
 def cut_off(bag: Path, share: float = 0.7) -> None:

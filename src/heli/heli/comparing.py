@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,6 +119,8 @@ class Diff:
         table shows it. First what the flight was (`flight.seed`, `flight.world` ...).
     metrics : ComparedMetrics
         By name: `diff.metrics["altitude"].values`, `.change`; `.of("truth", "whole")`.
+    partial : mapping of name to str
+        Flights of which only a part was recorded, and what is missing, one sentence.
     """
 
     def __init__(self, flight_diff: beside.FlightDiff) -> None:
@@ -130,6 +133,8 @@ class Diff:
             row.name: row.packaged for row in flight_diff.parameters
         }
         self.metrics = ComparedMetrics(flight_diff.metrics)
+        lacking = {named.name: named.partial for named in flight_diff.flights}
+        self.partial: Mapping[str, str] = {name: why for name, why in lacking.items() if why}
 
     @cached_property
     def columns(self) -> dict[str, list[Any]]:
@@ -221,12 +226,17 @@ class Diff:
             for row in [head, *rows]:
                 cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
                 parts.append("  ".join(cells).rstrip())
+        parts += [f"PARTIAL: {name}: {why}" for name, why in self.partial.items()]
         return "\n".join(parts)
 
     def _repr_html_(self) -> str:
-        return "".join(
+        tables = "".join(
             html_table(head, rows, title) if rows else f"<p>{title}: nothing</p>"
             for title, head, rows in self._tables()
+        )
+        return tables + "".join(
+            f"<p><b>PARTIAL: {escape(name)}: {escape(why)}</b></p>"
+            for name, why in self.partial.items()
         )
 
 

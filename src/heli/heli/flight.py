@@ -460,14 +460,29 @@ class Flight:
 
     @property
     def exit_code(self) -> int:
-        """As of `heli hover`: 0 inside the paper's figures, 1 outside, or lost."""
+        """As of `heli hover`: 0 inside the paper's figures, 1 outside, lost, or partial."""
         return self._flown.result.exit_code(self.settings.gps)
 
     @property
     def verdict(self) -> str:
         """One sentence: inside the paper's figures in the scored windows, or what is not."""
         forged = self._flown.result.forged
-        return self.lost or forged or verdict(self._flown.result, self.settings, DECIDES)
+        return (
+            self.lost
+            or forged
+            or self.partial
+            or verdict(self._flown.result, self.settings, DECIDES)
+        )
+
+    @property
+    def coverage(self) -> float:
+        """Share of what is judged that was recorded, 0 to 1."""
+        return self._flown.result.coverage(self.settings.gps).share
+
+    @property
+    def partial(self) -> str:
+        """Why only a part of the flight can be judged, one sentence; empty if all can."""
+        return self._flown.result.partial(self.settings.gps)
 
     def __len__(self) -> int:
         return int(self.time_s.size)
@@ -488,11 +503,13 @@ class Flight:
     def __repr__(self) -> str:
         parts = [self._title(), self._length()]
         parts += [f"LOST: {self.lost}"] if self.lost else []
+        parts += [f"PARTIAL: {self.partial}"] if self.partial else []
         parts += [repr(self.metrics), *(f"note: {note}" for note in self.notes)]
         return "\n".join(parts)
 
     def _repr_html_(self) -> str:
         lost = f"<p><b>LOST: {escape(self.lost)}</b></p>" if self.lost else ""
+        lost += f"<p><b>PARTIAL: {escape(self.partial)}</b></p>" if self.partial else ""
         notes = "".join(f"<p>note: {escape(note)}</p>" for note in self.notes)
         head = f"<p><b>{escape(self._title())}</b><br>{escape(self._length())}</p>"
         return head + lost + self.metrics._repr_html_() + notes

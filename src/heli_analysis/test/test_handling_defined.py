@@ -193,8 +193,8 @@ def test_bad_samples_are_refused():
 def test_the_layout_of_the_json_is_stable():
     content = scored("hover").as_dict()
     assert list(content) == [
-        "schema", "manoeuvre", "source", "scale", "level", "complete", "phases", "criteria",
-        "conditions", "remarks",
+        "schema", "manoeuvre", "source", "scale", "level", "complete", "coverage", "partial",
+        "phases", "criteria", "conditions", "remarks",
     ]  # fmt: skip
     assert content["schema"] == 1
     assert content["source"] == "ADS-33E-PRF 3.11.1 Hover"

@@ -121,7 +121,7 @@ def fly_one_process(
     with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
         flight = fly_settings(settings, laws, progress, parts)
     wall_s = time.monotonic() - start
-    figures = score(flight.record, settings.scenario)
+    figures = score(flight.record, settings.scenario, settings.rate)
     result = Result(figures, flight.sentence, settings.rate.seconds(len(flight.record)), wall_s)
     return UnwrittenFlight(result, {"mode": ONE_PROCESS}, flight.record)
 

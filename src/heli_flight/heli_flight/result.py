@@ -5,6 +5,7 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from heli_core.coverage import Coverage, words
 from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, ClimbFigure
-from heli_core.ticks import seconds
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.wind import GUST, draw_gusts
 from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, identity
@@ -21,12 +22,12 @@ from heli_flight.scoring import (
     DECIDES,
     SOURCE_NAMES,
     STRETCHES,
-    WHOLE,
     Figures,
     Score,
     decides,
     figures_of,
     sources_of,
+    spans,
 )
 from heli_flight.settings import PAPER, Settings, own_laws, own_words
 from heli_flight.terminal import FittingTable, table
@@ -36,6 +37,17 @@ EXIT_INSIDE = 0
 EXIT_OUTSIDE = 1
 
 _VERSIONED = ("numpy", "scipy", "numba", "rosbags", "ros-rclpy", "heli-hover")
+
+
+class Verdict(StrEnum):
+    """What a flight is found to be; the first that holds, in this order."""
+
+    FORGED = "forged"
+    LOST = "lost"
+    PARTIAL = "partial"
+    NOT_SCORED = "not scored"
+    OUTSIDE = "outside"
+    INSIDE = "inside"
 
 
 @dataclass(frozen=True)
@@ -58,8 +70,8 @@ class Result:
         Namespace that it flew in, among others; empty if it flew alone.
     forged : str
         Why the recorded ground truth is not the plant's, one sentence; empty if it is.
-    partial : str
-        Why only a part of the flight was recorded, one sentence; empty if all was.
+    unheard : str
+        Why the recorder may not have heard everything, one sentence; empty if it says that it has.
     """
 
     figures: Figures
@@ -69,7 +81,7 @@ class Result:
     notes: Sequence[str] = field(default=())
     aircraft: str = ""
     forged: str = ""
-    partial: str = ""
+    unheard: str = ""
 
     def outside(self, stretch: str = DECIDES) -> list[Score]:
         """Scores of a stretch outside the paper's figures, of all records."""
@@ -79,11 +91,37 @@ class Result:
         """Those of them that count for the verdict; over `DECIDES` they decide the exit code."""
         return [s for s in self.outside(stretch) if decides(s.source, gps)]
 
+    def coverage(self, gps: str, stretch: str | None = None) -> Coverage:
+        """How much of what is judged is recorded, as `Figures.covered`."""
+        return self.figures.covered(gps, stretch)
+
+    def partial(self, gps: str) -> str:
+        """Why only a part of the flight can be judged, one sentence; empty if all can.
+
+        Of a helicopter that was lost nothing is missing behind its loss.
+        """
+        lacking = "" if self.lost else self.coverage(gps).sentence
+        return "; ".join(filter(None, (self.unheard, lacking)))
+
+    def verdict(self, gps: str) -> Verdict:
+        """What decides the exit code, in one word."""
+        if self.forged:
+            return Verdict.FORGED
+        if self.lost:
+            return Verdict.LOST
+        if self.partial(gps):
+            return Verdict.PARTIAL
+        if self.judged(gps) or any(not figure.inside for figure in self.figures.ground):
+            return Verdict.OUTSIDE
+        return Verdict.INSIDE if self.figures.of(DECIDES) else Verdict.NOT_SCORED
+
     def exit_code(self, gps: str) -> int:
-        """0: what is judged is inside the paper's figures; 1: not, or lost, forged, partial."""
-        grounded = any(not figure.inside for figure in self.figures.ground)
-        failed = self.lost or self.forged or self.partial or grounded or self.judged(gps)
-        return EXIT_OUTSIDE if failed else EXIT_INSIDE
+        """0: what is judged is inside the paper's figures; 1: not, or lost, forged, partial.
+
+        Also 0 where nothing was to be judged: a flight that was ordered to end before the windows.
+        """
+        passed = self.verdict(gps) in (Verdict.INSIDE, Verdict.NOT_SCORED)
+        return EXIT_INSIDE if passed else EXIT_OUTSIDE
 
 
 def mean_wind(plant: Mapping[str, Any]) -> str:
@@ -142,10 +180,7 @@ def random_gusts(settings: Settings) -> list[dict[str, Any]]:
 
 def phases(settings: Settings, stretch: str = DECIDES) -> str:
     """When a stretch is, in words: 0 to 60 s, or 5 to 18 s and 25 to 60 s."""
-    end_s = seconds(settings.scenario.n_ticks)
-    spans = [(0.0, end_s)] if stretch == WHOLE else settings.scenario.windows_s
-    windows = [(a, min(b, end_s)) for a, b in spans if a < min(b, end_s)]
-    return " and ".join(f"{a:g} to {b:g} s" for a, b in windows) or "nothing: too short a flight"
+    return words(spans(settings.scenario, stretch)) or "nothing: too short a flight"
 
 
 def judged_by(settings: Settings) -> str:
@@ -155,9 +190,10 @@ def judged_by(settings: Settings) -> str:
 
 
 def verdict(result: Result, settings: Settings, stretch: str) -> str:
-    """One sentence: inside its figures over a stretch, or what is outside of them."""
+    """One sentence: inside its figures over a stretch, what is outside of them, what is missing."""
     when = f"{STRETCHES[stretch]}, {phases(settings, stretch)}"
-    if not result.figures.of(stretch):
+    lacking = result.coverage(settings.gps, stretch)
+    if not result.figures.of(stretch) and lacking.is_whole:
         return f"{when}: not scored"
     records: dict[str, list[str]] = {}
     for s in result.judged(settings.gps, stretch):
@@ -166,8 +202,9 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
     for label, sources in records.items():
         metrics.setdefault(" and ".join(sources), []).append(label)
     names = "; ".join(f"{', '.join(labels)} ({sources})" for sources, labels in metrics.items())
-    inside = f"inside {figures_of(settings.scenario.kind)}"
-    return f"{when}: " + (f"outside in {names}" if names else inside)
+    found = [f"outside in {names}"] if names else []
+    found += [] if lacking.is_whole else [f"partial: {lacking.sentence}"]
+    return f"{when}: " + ("; ".join(found) or f"inside {figures_of(settings.scenario.kind)}")
 
 
 _LEGEND = ("! outside the paper's figure. ", "! outside the goal. ")
@@ -213,8 +250,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
         console.print(f"LOST after {result.flown_s:.2f} s: {result.lost}", highlight=False)
     if result.forged:
         console.print(f"FORGED: {result.forged}", highlight=False)
-    if result.partial:
-        console.print(f"PARTIAL: {result.partial}", highlight=False)
+    if result.partial(settings.gps):
+        console.print(f"PARTIAL: {result.partial(settings.gps)}", highlight=False)
 
 
 def _stretch_table(
@@ -232,6 +269,7 @@ def _stretch_table(
         rows.add_column(name, justify="right")
     rows.add_column("verdict")
     judged = result.judged(settings.gps, stretch)
+    good = "inside" if result.coverage(settings.gps, stretch).is_whole else Verdict.PARTIAL.value
     for metric in METRICS[kind]:
         scores = [result.figures.find(stretch, metric.key, source) for source in sources]
         bad = any(s.metric is metric for s in judged)
@@ -239,7 +277,7 @@ def _stretch_table(
             metric.label,
             *("-" if s is None else _cell(s) for s in scores),
             f"{metric.paper:g} {metric.unit}",
-            "OUTSIDE" if bad else "inside",
+            "OUTSIDE" if bad else good,
         )
     return rows
 
@@ -295,14 +333,16 @@ def versions() -> dict[str, str]:
 
 
 def _verdict_row(result: Result, settings: Settings, stretch: str) -> dict[str, Any]:
-    """What result.json says of a stretch; inside is null where nothing was scored."""
+    """What result.json says of a stretch; inside is null where not all of it was scored."""
     outside = [s.name for s in result.judged(settings.gps, stretch)]
+    coverage = result.coverage(settings.gps, stretch)
     return {
         "stretch": STRETCHES[stretch],
         "when": phases(settings, stretch),
-        "inside": not outside if result.figures.of(stretch) else None,
+        "inside": not outside if result.figures.of(stretch) and coverage.is_whole else None,
         "outside": outside,
         "decides": stretch == DECIDES,
+        "coverage": coverage.as_dict(),
     }
 
 
@@ -317,9 +357,12 @@ def write_result(
         "own_laws": own_laws(settings),
         "draw": drawn(settings),
         "exit_code": result.exit_code(settings.gps),
+        "verdict": result.verdict(settings.gps).value,
+        "coverage": result.coverage(settings.gps).as_dict(),
         "lost": result.lost,
         "forged": result.forged,
-        "partial": result.partial,
+        "partial": result.partial(settings.gps),
+        "unheard": result.unheard,
         "judged": judged_by(settings),
         "outside": [s.name for s in result.judged(settings.gps)],
         "verdicts": {stretch: _verdict_row(result, settings, stretch) for stretch in STRETCHES},

@@ -485,6 +485,8 @@ class Scenario:
         Scored stretches, s of flight time.
     gear : Gear, optional
         What a flight that begins on the ground is judged by.
+    begin_s : float
+        Flight time at which it begins; 0 of every flight whose order is known.
     """
 
     kind: str
@@ -492,6 +494,7 @@ class Scenario:
     reference: Trajectory
     windows_s: np.ndarray
     gear: Gear | None = None
+    begin_s: float = 0.0
 
     @classmethod
     def from_parameters(cls, p: Mapping[str, Any]) -> "Scenario":
@@ -516,6 +519,12 @@ class Scenario:
     def scored(self, time_s: np.ndarray) -> np.ndarray:
         """Mask (N,) of the samples at time_s (N,) in a scored stretch, its end excluded."""
         return in_windows(time_s, self.windows_s)
+
+    def cut_to(self, begin_s: float, end_s: float) -> "Scenario":
+        """The part of it that is between two flight times, s; also longer than it was."""
+        windows = np.clip(self.windows_s, begin_s, end_s)
+        windows = windows[windows[:, 1] > windows[:, 0]]
+        return replace(self, begin_s=begin_s, n_ticks=ticks_in(end_s), windows_s=windows)
 
 
 def _check_length(reference: Trajectory, n_ticks: int) -> None:

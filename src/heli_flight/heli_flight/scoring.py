@@ -6,16 +6,17 @@ climb included, against the reference as commanded; and **windows**, the scenari
 `score.windows_s`, hover alone. And from several records: the on-board navigation record, as the
 paper measured; ground truth, which only a simulation has; and, of positions, ground truth without
 the receiver's drift at engagement, which is what the control can be judged by. The paper's numbers
-are from flight; ours are from simulation.
+are from flight; ours are from simulation. A stretch is judged only where its record has it: how
+much of it that is stands beside the figures (`heli_core.coverage`).
 """
 
-import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from heli_core import metrics
+from heli_core.coverage import Coverage, Span, coverage_of, least
 from heli_core.metrics import (
     METRICS,
     PATH,
@@ -29,6 +30,7 @@ from heli_core.metrics import (
     path_errors,
     size,
 )
+from heli_core.ticks import OF_100_HZ, Rate, seconds
 from heli_flight.record import FlightRecord
 from heli_flight.scenario import GroundFigure, Scenario, ground_figures
 
@@ -52,6 +54,7 @@ __all__ = [
     "figures_of",
     "score",
     "sources_of",
+    "spans",
 ]
 
 NAVIGATION, TRUTH, TRUTH_LESS_DRIFT = "navigation", "truth", "truth_less_drift"
@@ -117,12 +120,15 @@ class Figures:
         Empty without a climb.
     ground : sequence of GroundFigure
         Empty for a flight that begins in the air.
+    coverage : mapping of (str, str) to Coverage
+        What of a stretch is in a record, by both, of `SOURCES`; empty: nobody has looked.
     """
 
     whole: Sequence[Score] = ()
     windows: Sequence[Score] = ()
     climb: Sequence[ClimbFigure] = ()
     ground: Sequence[GroundFigure] = ()
+    coverage: Mapping[tuple[str, str], Coverage] = field(default_factory=dict)
 
     @property
     def all(self) -> list[Score]:
@@ -133,13 +139,20 @@ class Figures:
         """Scores over one of `STRETCHES`."""
         return {WHOLE: self.whole, WINDOWS: self.windows}[stretch]
 
-    def finite(self) -> "Figures":
-        """Without what could not be measured: a record that is not in a bag is NaN."""
-        whole, windows = (
-            [score for score in self.of(stretch) if math.isfinite(score.max)]
-            for stretch in (WHOLE, WINDOWS)
+    def covered(self, gps: str, stretch: str | None = None) -> Coverage:
+        """The least that a record that decides has of a stretch.
+
+        None: of the windows, which decide the exit code, or, where these are whole, of the flight
+        around them: what is said of a flight is said of all of it.
+        """
+        if stretch is None:
+            windows, whole = self.covered(gps, WINDOWS), self.covered(gps, WHOLE)
+            return windows if whole.is_whole or not windows.is_whole else whole
+        return least(
+            coverage
+            for (of, source), coverage in self.coverage.items()
+            if of == stretch and decides(source, gps)
         )
-        return Figures(whole, windows, self.climb, self.ground)
 
     def find(self, stretch: str, key: str, source: str) -> Score | None:
         """One score, None if it was not taken."""
@@ -205,6 +218,13 @@ def drift_at_engagement(record: FlightRecord) -> np.ndarray | None:
     return metrics.drift_at_engagement(since_s, record.nav_pos_ned_m, record.truth_pos_ned_m)
 
 
+def spans(scenario: Scenario, stretch: str) -> list[Span]:
+    """Begin and end, s, of each piece of a stretch that is within the flight as it was ordered."""
+    end_s = seconds(scenario.n_ticks)
+    asked = [(scenario.begin_s, end_s)] if stretch == WHOLE else scenario.windows_s
+    return [(float(a), min(float(b), end_s)) for a, b in asked if a < min(b, end_s)]
+
+
 def counted(record: FlightRecord, scenario: Scenario, stretch: str) -> np.ndarray:
     """Mask (N,) of the samples of a stretch.
 
@@ -223,36 +243,57 @@ def counted(record: FlightRecord, scenario: Scenario, stretch: str) -> np.ndarra
     return mask
 
 
-def score(record: FlightRecord, scenario: Scenario) -> Figures:
+def _starting(record: FlightRecord, mask: np.ndarray) -> np.ndarray:
+    """Mask (N,) of the samples before a whole flight's first: there, but nothing is known yet."""
+    before = np.cumsum(mask) == 0
+    return before & (record.time_s < SETTLED_S)
+
+
+def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> Figures:
     """Figures of a flight, every metric from every record over both stretches.
 
     Parameters
     ----------
     record : FlightRecord
+        A record of two that it does not hold is NaN; of it there are no scores.
     scenario : Scenario
         Gives the metrics and the windows.
+    rate : Rate
+        At which it was flown.
 
     Returns
     -------
     Figures
     """
     error_signals = {source: errors(record, source, scenario.kind) for source in SOURCE_NAMES}
-    scores: dict[str, list[Score]] = {}
+    known = {
+        source: np.all([np.isfinite(error) for error in signals.values()], axis=0)
+        for source, signals in error_signals.items()
+        if signals
+    }
+    coverage: dict[tuple[str, str], Coverage] = {}
+    scores: dict[str, list[Score]] = {stretch: [] for stretch in STRETCHES}
     for stretch in STRETCHES:
-        mask = counted(record, scenario, stretch)
-        scores[stretch] = [
-            Score(metric, source, *size(error_signals[source][metric.key][mask]), stretch)
-            for source in SOURCE_NAMES
-            for metric in METRICS[scenario.kind]
-            if metric.key in error_signals[source] and mask.any()
-        ]
+        mask, asked = counted(record, scenario, stretch), spans(scenario, stretch)
+        start = _starting(record, mask) if stretch == WHOLE else np.zeros(len(record), bool)
+        for source, finite in known.items():
+            held = coverage_of(record.time_s[finite | start], asked, rate.tick_s)
+            if source in SOURCES:
+                coverage[stretch, source] = held
+            # Of a whole record every row counts: a number that is not finite is outside.
+            rows = mask if held.is_whole else mask & finite
+            scores[stretch] += [
+                Score(metric, source, *size(error_signals[source][metric.key][rows]), stretch)
+                for metric in METRICS[scenario.kind]
+                if metric.key in error_signals[source] and rows.any()
+            ]
     climb = [
         figure
         for source, height_m in (_heights_m(record) if scenario.kind == "hover" else {}).items()
         for figure in climb_figures(record.time_s, height_m, record.reference, source)
     ]
     ground = [] if scenario.gear is None else ground_figures(record, scenario.gear)
-    return Figures(scores[WHOLE], scores[WINDOWS], climb, ground)
+    return Figures(scores[WHOLE], scores[WINDOWS], climb, ground, coverage)
 
 
 def _heights_m(record: FlightRecord) -> dict[str, np.ndarray]:

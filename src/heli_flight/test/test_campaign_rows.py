@@ -17,6 +17,7 @@ from distributed import KilledWorker, LocalCluster
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
+from heli_studies.campaign import run
 from heli_studies.campaign import spec as rows
 from heli_studies.campaign.run import (
     ABOUT_NAME,
@@ -25,10 +26,12 @@ from heli_studies.campaign.run import (
     Store,
     fly_by_dask,
     fly_here,
+    fly_seeds,
     summary_of,
     tasks,
 )
 from heli_studies.campaign.spec import FlightEnding, fly_rows, spec_of, write_rerun_files
+from support.record_bag import rows_of
 
 TEXT = """flights: 7
 world: paper
@@ -86,6 +89,39 @@ def test_a_flight_that_throws_is_a_row_and_the_next_one_flies(spec, monkeypatch,
     assert (first["cause"], third["cause"]) == ("flown", "flown")
     assert second["cause"] == cause and "said" in second["sentence"] and second["exit_code"] == 1
     assert second["in.plant.scale.mass"] == spec.inputs[1][0]
+
+
+def cut_after(time_s):
+    """Flights whose record ends there."""
+
+    def fly(settings):
+        flight = simulate(settings)
+        return flight._replace(record=rows_of(flight.record, flight.record.time_s < time_s))
+
+    return fly
+
+
+def test_of_a_flight_that_was_recorded_in_part_the_row_says_how_much(spec, monkeypatch):
+    (whole,) = fly_rows(spec, [0])
+    assert (whole["coverage"], whole["exit_code"]) == (1.0, 0)
+    monkeypatch.setattr(rows, "simulate", cut_after(5.0))
+    (row,) = fly_rows(spec, [0])
+    assert (row["cause"], row["exit_code"]) == (FlightEnding.PARTIAL, 1)
+    assert row["coverage"] == pytest.approx(0.75) and row["sentence"]
+    assert not [name for name in row if name.startswith("max")]
+
+
+def test_so_does_a_flight_of_a_seed(monkeypatch):
+    settings = resolve(None, "rtk", 1, 6.0, world="paper")
+    monkeypatch.setattr(run, "simulate", cut_after(5.5))
+    (flown,) = fly_seeds(settings, [1])
+    assert flown.exit_code("rtk") == 1
+    assert flown.figures.covered("rtk").share == pytest.approx(0.5)
+    assert [run.inside_of([flown], "rtk", stretch) for stretch in run.STRETCHES] == [0, 0]
+    (place,) = run.seeds_as_dict({"rtk": [flown]}, {"rtk": settings}).values()
+    assert place["flights"][0]["coverage"] == pytest.approx(0.5)
+    assert any(flown.figures.covered("rtk").sentence in line
+               for line in run.remarks({"rtk": [flown]}, "hover"))  # fmt: skip
 
 
 def test_what_cannot_hover_or_falls_is_a_row(tmp_path):

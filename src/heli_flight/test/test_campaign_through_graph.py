@@ -9,9 +9,12 @@ import pytest
 from rich.console import Console
 
 from heli_flight.fly import fly_and_write
+from heli_flight.record import NAME, read_record
+from heli_flight.scoring import score
 from heli_flight.settings import LOCKSTEP, ONE_PROCESS
 from heli_studies.campaign.run import as_list, check, print_compared, sample
-from heli_studies.campaign.spec import fly_rows, spec_of
+from heli_studies.campaign.spec import COVERAGE, fly_rows, spec_of
+from support.record_bag import rows_of
 
 TEXT = """flights: 3
 world: paper
@@ -47,6 +50,18 @@ def test_the_files_of_a_sample_fly_what_the_rows_say(flown, tmp_path):
     again = checked(flown, flown[1], 2, tmp_path)
     assert again == compared, "what was there is flown anew"
     assert as_list(compared)[0]["same"] is True
+
+
+def test_one_that_was_recorded_in_part_is_not_the_same(flown, tmp_path):
+    def in_part(order):
+        outcome = in_one_process(order)
+        flight = read_record(outcome.folder / NAME)
+        held = rows_of(flight, flight.time_s < 5.0)
+        figures = score(held, outcome.settings.scenario)
+        return replace(outcome, result=replace(outcome.result, figures=figures))
+
+    (one,) = check(flown[0], pa.Table.from_pylist(flown[1][:1]), 1, tmp_path, in_part)
+    assert (one.figure, one.difference) == (COVERAGE, math.inf)
 
 
 def test_a_figure_that_differs_is_named(flown, tmp_path, capsys):

@@ -60,7 +60,8 @@ def test_of_one_that_does_not_the_flight_is_partial(flown, monkeypatch, tmp_path
     monkeypatch.setattr(outcomes, "flight_from_bag", lambda *_: BagFlight(record, (), ()))
     monkeypatch.setattr(outcomes, "foreign_truth", lambda *_: "")
     result, _, _ = outcomes.outcome(settings, tmp_path, up.statuses, [], 1.0)
-    assert result.partial == SENTENCE and not any("recorder" in note for note in result.notes)
+    assert result.partial(settings.gps) == result.unheard == SENTENCE
+    assert not any("recorder" in note for note in result.notes)
     assert not result.judged(settings.gps) and result.exit_code(settings.gps) == 1
     printed = io.StringIO()
     print_table(result, settings, Console(file=printed, width=200))

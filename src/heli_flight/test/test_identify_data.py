@@ -2,15 +2,25 @@
 """Bags that cannot be identified from: one line with the topic and the reason. Synthetic bags."""
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from heli_bags.writer import BagRecorder
+from heli_flight.record import FlightRecord
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_msgs_bridge.messages import Encoder
-from heli_studies.identify import BagDataError, Given, experiment_of_bag, read_given
+from heli_studies.identify import (
+    BagDataError,
+    Given,
+    evaluated,
+    experiment_of_bag,
+    experiment_of_record,
+    read_given,
+)
+from support.record_bag import rows_of as rows_cut
 
 GIVEN = Given({}, period_s=0.5, start_s=1.0, periods=4, source="test")
 NEEDED = (topics.ODOM, topics.IMU, topics.ACTUATORS, topics.EXCITATION_ACTUATORS)
@@ -53,6 +63,19 @@ def read(path, kind="actuators"):
     return experiment_of_bag(path, kind, GIVEN, 1.0)
 
 
+@pytest.fixture
+def excited():
+    """A record of one process in which something was excited."""
+    z3, q = np.zeros((TICKS, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (TICKS, 1))
+    arrays = {f.name: z3 for f in fields(FlightRecord) if f.name not in ("mode", "failsafe")}
+    arrays |= {
+        "time_s": np.arange(TICKS) / 100.0, "truth_q_nb": q, "nav_q_nb": q,
+        "reference": np.zeros((TICKS, 7)), "u": np.zeros((TICKS, 4)),
+        "excitation_u": np.zeros((TICKS, 4)), "imu": np.zeros((TICKS, 6)),
+    }  # fmt: skip
+    return FlightRecord(**arrays)
+
+
 def test_a_good_bag_gives_the_evaluated_ticks(bag):
     experiment = read(bag())
     np.testing.assert_allclose(experiment.time_s, 1.0 + np.arange(200) / 100.0)
@@ -75,16 +98,27 @@ def test_gusts_need_their_own_topic(bag):
 
 
 def test_too_short(bag):
-    with pytest.raises(BagDataError, match=r"'odom' .* 1\.99 s, .* 1 to 3 s"):
+    with pytest.raises(BagDataError, match="'odom'") as refused:
         read(bag(ticks=200))
+    assert refused.value.coverage.gap_s == pytest.approx((2.0, 3.0))
+    assert refused.value.coverage.share == pytest.approx(0.5)
 
 
 def test_a_gap(bag):
     def drop(name, tick, row):
         return None if name == topics.IMU and 150 <= tick < 153 else row
 
-    with pytest.raises(BagDataError, match="'imu/data_raw': 3 of 200 .* 1.50 s"):
+    with pytest.raises(BagDataError, match="'imu/data_raw'") as refused:
         read(bag(change=drop))
+    assert refused.value.coverage.gap_s == pytest.approx((1.5, 1.53))
+    assert refused.value.coverage.share == pytest.approx(197 / 200)
+
+
+def test_a_record_of_one_process_that_ends_early(excited):
+    assert evaluated(excited.time_s, GIVEN).share == 1.0
+    with pytest.raises(BagDataError) as refused:
+        experiment_of_record(rows_cut(excited, slice(250)), GIVEN)
+    assert refused.value.coverage.gap_s == pytest.approx((2.5, 3.0))
 
 
 def test_not_a_number(bag):

@@ -11,7 +11,7 @@ from heli_core.metrics import heading_frame
 from heli_core.parameters import load
 from heli_core.rotations import quat_from_euler
 from heli_flight.record import FlightRecord
-from heli_flight.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
+from heli_flight.result import EXIT_INSIDE, EXIT_OUTSIDE, Result, Verdict
 from heli_flight.scenario import TABLE, Scenario
 from heli_flight.scoring import (
     DECIDES,
@@ -23,12 +23,13 @@ from heli_flight.scoring import (
     score,
     sources_of,
 )
+from support.record_bag import rows_of
 
 
-def scenario(name="hover"):
+def scenario(name="hover", **changes):
     folder = config_folder("heli_flight")
     layers = [folder / "scenario.yaml", folder / "scenarios" / f"{name}.yaml"]
-    return Scenario.from_parameters(load(TABLE, layers, "scenario"))
+    return Scenario.from_parameters(dict(load(TABLE, layers, "scenario")) | changes)
 
 
 def record(n=6000, psi=0.0, **changes):
@@ -92,10 +93,71 @@ def test_attitude_errors_in_degrees():
     assert scores["pitch", "truth"].inside
 
 
-def test_a_flight_that_ends_early_is_not_scored():
-    figures = score(record(n=400), scenario())
+def test_a_flight_that_is_ordered_to_end_before_the_windows_is_not_scored():
+    figures = score(record(n=400), scenario(duration_s=4.0))
     assert figures.windows == [] and len(figures.whole) == 12
-    assert Result(figures, "", 4.0, 1.0).exit_code("standalone") == EXIT_INSIDE
+    result = Result(figures, "", 4.0, 1.0)
+    assert result.verdict("standalone") is Verdict.NOT_SCORED
+    assert result.exit_code("standalone") == EXIT_INSIDE
+
+
+def of(flight, gps="standalone", lost="", **order):
+    return Result(score(flight, scenario(**order)), lost, 60.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("end_s", "gap_s", "share"),
+    [(4.0, (4.0, 60.0), 0.0), (21.0, (21.0, 60.0), 12.5 / 47.5), (59.5, (59.5, 60.0), 47.0 / 47.5)],
+)
+def test_a_record_that_ends_early_is_partial(end_s, gap_s, share):
+    """A disk that is full at 21 s says nothing of 25 to 60 s."""
+    flight = record(n=round(100 * end_s))
+    result = of(flight)
+    assert result.verdict("standalone") is Verdict.PARTIAL
+    assert result.exit_code("standalone") == EXIT_OUTSIDE
+    assert result.coverage("standalone", WHOLE).gap_s == pytest.approx(gap_s)
+    assert result.coverage("standalone", WINDOWS).share == pytest.approx(share)
+    assert result.coverage("standalone").sentence in result.partial("standalone")
+
+
+@pytest.mark.parametrize("begin", [0, 1500, 2000, 4000, 5900])
+def test_a_gap_anywhere_is_partial_also_of_one_record_alone(begin):
+    rows = np.delete(np.arange(6000), np.arange(begin, begin + 50))
+    of_both = rows_of(record(), rows)
+    pos = np.zeros((6000, 3))
+    # Before 5 s navigation may not have begun.
+    pos[begin or 500 : (begin or 500) + 50] = np.nan
+    for flight, gps, verdict in (
+        (of_both, "standalone", Verdict.PARTIAL),
+        (record(nav_pos_ned_m=pos), "standalone", Verdict.PARTIAL),
+        (record(truth_pos_ned_m=pos), "rtk", Verdict.PARTIAL),
+        (record(truth_pos_ned_m=pos), "standalone", Verdict.INSIDE),
+    ):
+        assert of(flight).verdict(gps) is verdict
+
+
+def test_without_what_decides_nothing_is_inside():
+    """A bag without the navigation record was called inside by the paper's figures."""
+    unknown = np.full((6000, 3), np.nan)
+    for name, gps in (("nav_pos_ned_m", "standalone"), ("truth_pos_ned_m", "rtk")):
+        result = of(record(**{name: unknown}))
+        assert result.verdict(gps) is Verdict.PARTIAL and result.coverage(gps).share == 0.0
+    assert of(record(truth_pos_ned_m=unknown)).verdict("standalone") is Verdict.INSIDE
+
+
+def test_figures_are_of_what_is_there_and_outside_stays_outside():
+    pos = np.zeros((6000, 3))
+    pos[4000:4100], pos[3000, 1] = np.nan, 2.0
+    result = of(record(nav_pos_ned_m=pos))
+    assert by_key(result.figures)["lateral", "navigation"].max == 2.0
+    assert [s.name for s in result.judged("standalone")] == ["lateral (navigation)"]
+    assert result.verdict("standalone") is Verdict.PARTIAL
+
+
+def test_of_a_lost_helicopter_nothing_is_missing_behind_its_loss():
+    result = of(record(n=3000), lost="hit the ground")
+    assert result.verdict("standalone") is Verdict.LOST and not result.partial("standalone")
+    assert not result.coverage("standalone").is_whole
 
 
 def test_exit_codes_follow_the_record_that_the_paper_used():
@@ -156,7 +218,7 @@ def test_a_gap_in_what_was_recorded_is_no_pass():
     pos[1000] = np.nan
     figures = score(record(nav_pos_ned_m=pos), scenario())
     assert Result(figures, "", 60.0, 1.0).exit_code("standalone") == EXIT_OUTSIDE
-    assert ("lateral", "navigation") not in by_key(figures.finite())
+    assert not by_key(figures)["lateral", "navigation"].inside
 
 
 def test_truth_without_the_drift_at_engagement_shows_the_control():

@@ -773,7 +773,8 @@ SCORE_EPILOG = (
     "  heli score rosbag2_2026_11_21 --odom /mavros/odom --mte vertical --start 12 --end 60\n"
     "  heli score flights/my_sweep --response --axis pitch --plot bode.svg\n\n"
     "exit code: 0 desired or adequate and flown as defined (Level 1 or 2), 1 neither, not flown as "
-    "defined, or ground truth that is not what the plant sent, 2 bad input (one line)"
+    "defined, not all of it recorded, or ground truth that is not what the plant sent, 2 bad input "
+    "(one line)"
 )
 
 

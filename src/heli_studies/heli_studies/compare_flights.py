@@ -794,7 +794,9 @@ def fly_world_seed(settings: Settings, seed: int) -> WorldFlight:
         flight = simulate(seed_settings)
     except TrimError:
         return WorldFlight(seed, Figures(), NO_TRIM, 0.0, drawn(seed_settings))
-    figures = Figures() if flight.sentence else score(flight.record, seed_settings.scenario)
+    figures = Figures()
+    if not flight.sentence:
+        figures = score(flight.record, seed_settings.scenario, seed_settings.rate)
     return WorldFlight(
         seed,
         figures,

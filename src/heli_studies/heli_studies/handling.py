@@ -2,7 +2,7 @@
 """A recorded flight as what `heli_analysis.handling` scores."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from heli_analysis.handling.scoring import (
     LEAST_COHERENCE,
     AttitudeChange,
     FrequencyResponse,
-    HandlingLevel,
     ManoeuvreScore,
     Measure,
     bandwidth,
@@ -34,11 +33,12 @@ from heli_analysis.handling.scoring import (
 )
 from heli_bags.tools import BagReader, bag_of, chosen, flatten, opened
 from heli_bags.writer import BagError
+from heli_core.coverage import Coverage, Span, coverage_of, least, period_of
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_angles
 from heli_core.rows import PLANT
 from heli_core.signals import swept_angle
-from heli_core.ticks import NS_PER_S, TICK_S, stamp_at
+from heli_core.ticks import NS_PER_S, TICK_S, seconds, stamp_at
 from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_flight.flight_file import NAME
 from heli_flight.graph.bag_record import ForeignTruth, judged_truth
@@ -79,6 +79,9 @@ class SourcedTrack:
     remarks : tuple of str
     forged : str
         Why the ground truth in the bag is not the plant's, one sentence; empty if it is.
+    ordered_s : (float, float) or None
+        Begin and end of a flight of ours as it was ordered, in the track's time, by params.yaml
+        beside the bag; None: nobody knows.
     """
 
     track: MotionTrack
@@ -86,6 +89,23 @@ class SourcedTrack:
     start_ns: int
     remarks: tuple[str, ...] = ()
     forged: str = ""
+    ordered_s: Span | None = None
+
+    @property
+    def begin_s(self) -> float:
+        """Flight time 0 in the track's time; that of the first sample where nobody knows it."""
+        return 0.0 if self.ordered_s is None else self.ordered_s[0]
+
+    def asked(self, start_s: float | None, end_s: float | None) -> Span:
+        """What should be recorded of the stretch that is asked for; None: from where, to where.
+
+        Ground truth is there from flight time 0 on, the navigation from when it has begun.
+        """
+        begin, end = float(self.track.time_s[0]), float(self.track.time_s[-1])
+        if self.ordered_s is not None:
+            is_truth = self.topic.endswith(f"/{topics.TRUTH_ODOM}")
+            begin, end = self.begin_s if is_truth else begin, self.ordered_s[1]
+        return begin if start_s is None else start_s, end if end_s is None else end_s
 
 
 def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
@@ -133,7 +153,21 @@ def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
     forged = unknown = ""
     if name.endswith(f"/{topics.TRUTH_ODOM}"):
         forged, unknown = _judged(path, times, np.frombuffer(b"".join(sums), SUM))
-    return SourcedTrack(track, name, start_ns, (*refusals, *([unknown] if unknown else [])), forged)
+    remarks = (*refusals, *([unknown] if unknown else []))
+    return SourcedTrack(track, name, start_ns, remarks, forged, _ordered(path, name, start_ns))
+
+
+def _ordered(path: Path, name: str, start_ns: int) -> Span | None:
+    """As `SourcedTrack.ordered_s`, of a topic whose stamps are those of our clock."""
+    saved = bag_of(path).resolve().parent / NAME
+    ours = name.rpartition("/")[2] == topics.ODOM or name.endswith(f"/{topics.TRUTH_ODOM}")
+    if not saved.is_file() or not ours:
+        return None
+    settings = resolve(params=[saved])
+    begin_s = (stamp_at(settings.nodes["plant"]["start_time_s"]) - start_ns) / NS_PER_S
+    end_s = begin_s + seconds(settings.scenario.n_ticks)
+    # Of what begins behind the flight's end the clock is another.
+    return (begin_s, end_s) if end_s > 0.0 else None
 
 
 def _judged(path: Path, stamps_ns: NDArray[np.int64], sums: NDArray[np.uint64]) -> tuple[str, str]:
@@ -315,12 +349,11 @@ class Scored:
 
     @property
     def exit_code(self) -> int:
-        """0 for desired or adequate, if it was the manoeuvre as it is defined, and really flown."""
-        score = self.score
-        failed = (
-            score.level is HandlingLevel.NEITHER or not score.complete or bool(self.flight.forged)
-        )
-        return EXIT_NEITHER if failed else 0
+        """0 for desired or adequate, if it was the manoeuvre as it is defined, and really flown.
+
+        And if all of the stretch that was asked for is recorded.
+        """
+        return 0 if self.score.passed and not self.flight.forged else EXIT_NEITHER
 
     def as_dict(self, path: Path) -> dict[str, Any]:
         """For JSON."""
@@ -361,14 +394,15 @@ def score_manoeuvre(
         target = np.array([north, east, -up])
     elif wanted.odom is None and (course := own_course(wanted.path, name, scale)) is not None:
         target, begins_s = course
-        start_s = begins_s if start_s is None else start_s
+        start_s = flight.begin_s + begins_s if start_s is None else start_s
         north, east, down = target
         ours = (
             f"scored by where it was to be flown (params.yaml): target {east:.2f} {north:.2f} "
             f"{-down:.2f}, from {start_s:g} s on"
         )
     track = flight.track.between(start_s, wanted.end_s)
-    manoeuvre_score = score(track, name, scale, target, wanted.ground_m)
+    asked_s = flight.asked(start_s, wanted.end_s)
+    manoeuvre_score = score(track, name, scale, target, wanted.ground_m, asked_s)
     remarks = (*flight.remarks, *filter(None, (why, ours)), *manoeuvre_score.manoeuvre.remarks)
     return Scored(flight, track, manoeuvre_score, remarks)
 
@@ -380,7 +414,8 @@ def print_score(scored: Scored, out: Console) -> None:
         f"ADS-33E-PRF {manoeuvre_score.table.paragraph} {manoeuvre_score.table.title}, "
         f"scale {manoeuvre_score.scale.name}: "
         f"{manoeuvre_score.level.value}"
-        f"{'' if manoeuvre_score.complete else ', not flown as defined'}",
+        f"{'' if manoeuvre_score.complete else ', not flown as defined'}"
+        f"{'' if manoeuvre_score.coverage.is_whole else ', partial'}",
         out,
     )
     shown.add_column("criterion", no_wrap=True)
@@ -416,13 +451,15 @@ def print_score(scored: Scored, out: Console) -> None:
     out.print(f"{scored.flight.topic}: {phases}", soft_wrap=True, markup=False)
     for remark in scored.remarks:
         out.print(remark, soft_wrap=True, markup=False)
-    print_forged(scored.flight, out)
+    print_flaws(scored.flight, manoeuvre_score.coverage, out)
 
 
-def print_forged(flight: SourcedTrack, out: Console) -> None:
-    """Say where the ground truth is not the plant's."""
+def print_flaws(flight: SourcedTrack, coverage: Coverage, out: Console) -> None:
+    """Say where the ground truth is not the plant's, and what is not recorded."""
     if flight.forged:
         out.print(f"FORGED: {flight.forged}", soft_wrap=True, markup=False)
+    if coverage.sentence:
+        out.print(f"PARTIAL: {coverage.sentence}", soft_wrap=True, markup=False)
 
 
 def _flown(value: float, at_s: float | None) -> tuple[str, str]:
@@ -453,9 +490,10 @@ def score_flown(settings: Settings, record: FlightRecord) -> ManoeuvreScore:
         The manoeuvre is not in the flight.
     """
     p = settings.scenario_parameters
-    target = target_of(settings.scenario.reference, p)
-    track = true_track(record).between(p["path.start_s"] - LEAD_IN_S)
-    return score(track, p["path.manoeuvre"], scale_flown(p), target)
+    target, begin_s = target_of(settings.scenario.reference, p), p["path.start_s"] - LEAD_IN_S
+    asked_s = (begin_s, seconds(settings.scenario.n_ticks))
+    track = true_track(record).between(begin_s)
+    return score(track, p["path.manoeuvre"], scale_flown(p), target, asked_s=asked_s)
 
 
 def rejected(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:
@@ -472,7 +510,8 @@ def rejected(settings: Settings, record: FlightRecord, axis: int) -> FrequencyRe
     time_s = record.time_s[on]
     added = np.array([swept_angle(t, kernel) for t in time_s])
     angle = true_track(record).attitude_rad[on, axis]
-    return frequency_response(time_s, added, angle + added)
+    asked_s = (kernel.start_s, kernel.start_s + kernel.duration_s)
+    return frequency_response(time_s, added, angle + added, asked_s=asked_s)
 
 
 def swept(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:
@@ -485,8 +524,10 @@ def swept(settings: Settings, record: FlightRecord, axis: int) -> FrequencyRespo
     p = settings.nodes["outer_loop"]
     since = record.time_s - p["sweep.start_s"]
     on = (since >= 0.0) & (since < p["sweep.duration_s"])
+    time_s, command = record.time_s[on], np.unwrap(record.setpoint[on, axis])
     angle = true_track(record).attitude_rad[on, axis]
-    return frequency_response(record.time_s[on], np.unwrap(record.setpoint[on, axis]), angle)
+    asked_s = (p["sweep.start_s"], p["sweep.start_s"] + p["sweep.duration_s"])
+    return frequency_response(time_s, command, angle, asked_s=asked_s)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -706,9 +747,10 @@ class Responses:
 
     @property
     def exit_code(self) -> int:
-        """0 unless a measure is below its levels, or the ground truth is forged."""
-        failed = any(m.level == "below" for m in self.measures) or bool(self.flight.forged)
-        return EXIT_NEITHER if failed else 0
+        """0 unless a measure is below its levels, or the record is forged or not whole."""
+        below = any(m.level == "below" for m in self.measures)
+        whole = self.response.coverage.is_whole
+        return EXIT_NEITHER if below or self.flight.forged or not whole else 0
 
     def as_dict(self, path: Path) -> dict[str, Any]:
         """For JSON."""
@@ -729,6 +771,8 @@ class Responses:
             "topic": self.flight.topic,
             "start_ns": self.flight.start_ns,
             "forged": self.flight.forged,
+            "coverage": self.response.coverage.as_dict(),
+            "partial": self.response.coverage.sentence,
             "remarks": list(self.remarks),
         }
 
@@ -766,10 +810,32 @@ def score_response(
     else:
         response = frequency_response(at_s, swept, answer)
         measures = of_bandwidth(bandwidth(response), axis, scale)
+    response = replace(response, coverage=_held_of(wanted, flight, source, input_time_s))
     remarks = (*flight.remarks, *([why] if why else []))
     attitude_changes = tuple(changes(track.time_s, angle))
     return Responses(
         flight, axis, source, scale, response, tuple(measures), attitude_changes, remarks
+    )
+
+
+def _held_of(
+    wanted: ScoreOrder, flight: SourcedTrack, source: str, input_time_s: Array
+) -> Coverage:
+    """What is recorded of the stretch that a response is worked out from: the less of the two.
+
+    What is swept may begin later than the flight, and, as far as nobody knows better, end earlier.
+    """
+    begin, end = flight.asked(wanted.start_s, wanted.end_s)
+    sent_to_the_end = flight.ordered_s is not None and source in topics.BY_NAME
+    if wanted.end_s is None and not sent_to_the_end:
+        end = min(end, float(input_time_s[-1]))
+    later = begin if wanted.start_s is not None else max(begin, float(input_time_s[0]))
+    times = flight.track.time_s
+    return least(
+        (
+            coverage_of(times, [(begin, end)], period_of(times)),
+            coverage_of(input_time_s, [(later, end)], period_of(input_time_s)),
+        )
     )
 
 
@@ -789,7 +855,7 @@ def print_response(responses: Responses, out: Console) -> None:
         what = f"quickness, {change.peak_deg:.1f} deg at {change.start_s:.1f} s"
         shown.add_row(what, f"{change.quickness_per_s:.3g} 1/s", "", "", "")
     out.print(shown)
-    print_forged(responses.flight, out)
+    print_flaws(responses.flight, responses.response.coverage, out)
     omega = responses.response.omega_radps
     out.print(
         f"{responses.flight.topic}: coherence above {LEAST_COHERENCE:g} from {omega[0]:.3g} to "

@@ -32,6 +32,7 @@ from heli_analysis.identification.spectra import Experiment, spectra_of
 from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.writer import BagError
 from heli_core.command_line import config_folder
+from heli_core.coverage import Coverage, coverage_of
 from heli_core.errors import FlightError
 from heli_core.parameters import Parameter, load
 from heli_core.rcl_yaml import ParameterError
@@ -165,10 +166,26 @@ _SENDERS = {
     "gusts": "plant sends it only while its wind.sines.* is configured",
 }
 _SMALLEST = 1e-9
+_ALL_NEEDED = "every sample of the evaluated periods is needed"
 
 
 class BagDataError(ValueError):
-    """A bag that cannot be identified from; one sentence with the topic and the reason."""
+    """A bag that cannot be identified from; one sentence with the topic and the reason.
+
+    Attributes
+    ----------
+    coverage : Coverage or None
+        What of the evaluated periods is recorded, where that is the reason.
+    """
+
+    def __init__(self, sentence: str, coverage: Coverage | None = None) -> None:
+        super().__init__(sentence)
+        self.coverage = coverage
+
+
+def evaluated(time_s: NDArray[np.float64], a_priori: Given) -> Coverage:
+    """What of the evaluated periods is recorded at times (N,), s: a fit needs every sample."""
+    return coverage_of(time_s, [(a_priori.start_s, a_priori.end_s)], few=0)
 
 
 def experiment_of_record(record: FlightRecord, a_priori: IdentificationInputs) -> Experiment:
@@ -177,12 +194,15 @@ def experiment_of_record(record: FlightRecord, a_priori: IdentificationInputs) -
     Raises
     ------
     BagDataError
-        Nothing was excited in that flight.
+        Nothing was excited in that flight, or it ended within the evaluated periods.
     """
     if record.excitation_u is None or record.gust_ned_mps is None or record.imu is None:
         raise BagDataError(
             "the flight was not excited: neither excitation.* nor wind.sines.* is on"
         )
+    held = evaluated(record.time_s, a_priori)
+    if not held.is_whole:
+        raise BagDataError(f"the flight's record: {held.sentence}: {_ALL_NEEDED}", held)
     return _data_experiment(
         record.time_s,
         record.nav_vel_ned_mps,
@@ -257,21 +277,10 @@ def _rows(
         hint = f" ({_SENDERS[kind]})" if name == EXCITATION[kind] else ""
         raise BagDataError(f"{path}: no message on '{name}'{hint}")
     known = _ticks_of(stream, name, path, start_ns)
-    end_s = (ticks[-1] + 1) * TICK_S
-    if known[0] > ticks[0] or known[-1] < ticks[-1]:
-        raise BagDataError(
-            f"{path}: '{name}' covers flight time {known[0] * TICK_S:g} to "
-            f"{known[-1] * TICK_S:g} s, but {ticks[0] * TICK_S:g} to {end_s:g} s are needed: "
-            "too short"
-        )
-    at = np.searchsorted(known, ticks)
-    gone = known[at] != ticks
-    if gone.any():
-        raise BagDataError(
-            f"{path}: '{name}': {int(gone.sum())} of {ticks.size} messages are missing, the first "
-            f"at flight time {ticks[int(np.argmax(gone))] * TICK_S:.2f} s"
-        )
-    return stream.rows[at]
+    held = coverage_of(known * TICK_S, [(ticks[0] * TICK_S, (ticks[-1] + 1) * TICK_S)], few=0)
+    if not held.is_whole:
+        raise BagDataError(f"{path}: '{name}': {held.sentence}: {_ALL_NEEDED}", held)
+    return stream.rows[np.searchsorted(known, ticks)]
 
 
 def _ticks_of(stream: Stream, name: str, path: Path, start_ns: int) -> NDArray[np.int64]:
@@ -840,6 +849,11 @@ def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
         "experiments": {
             "period_s": a_priori.period_s, "periods": a_priori.periods, "start_s": a_priori.start_s,
             "coherence": {**identification.ab.coherence, **identification.wind.coherence},
+            "coverage": {
+                kind: evaluated(experiment.time_s, a_priori).as_dict()
+                for kind, experiment in (("actuators", identification.actuators),
+                                         ("gusts", identification.gusts))
+            },
         },
         "taken_for_zero": list(outcome.zeros),
         "delay_ticks": identification.ab.delay_ticks,

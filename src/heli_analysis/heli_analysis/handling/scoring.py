@@ -30,6 +30,7 @@ from heli_analysis.handling.manoeuvres import (
     slalom,
     vertical,
 )
+from heli_core.coverage import Coverage, Span, coverage_of, period_of
 from heli_core.errors import HandlingCause, HandlingError
 
 # -------------------------------------------------------------------------------------------------
@@ -142,6 +143,8 @@ class ManoeuvreScore:
     results : tuple of CriterionResult
         In the table's order.
     conditions : tuple of ConditionResult
+    coverage : Coverage
+        What of the stretch that was searched is in the track.
     """
 
     table: Manoeuvre
@@ -149,6 +152,7 @@ class ManoeuvreScore:
     manoeuvre: FlownManoeuvre
     results: tuple[CriterionResult, ...]
     conditions: tuple[ConditionResult, ...]
+    coverage: Coverage = Coverage()
 
     @property
     def level(self) -> HandlingLevel:
@@ -161,6 +165,11 @@ class ManoeuvreScore:
         flown = all(r.value is not None for r in self.results)
         return flown and all(c.met for c in self.conditions)
 
+    @property
+    def passed(self) -> bool:
+        """Whether it is desired or adequate, flown as defined, and all of it is in the track."""
+        return self.level is not HandlingLevel.NEITHER and self.complete and self.coverage.is_whole
+
     def as_dict(self) -> dict[str, Any]:
         """For JSON; the layout is `SCHEMA`."""
         return {
@@ -170,6 +179,8 @@ class ManoeuvreScore:
             "scale": {"name": self.scale.name, "length_ratio": self.scale.ratio},
             "level": self.level.value,
             "complete": self.complete,
+            "coverage": self.coverage.as_dict(),
+            "partial": self.coverage.sentence,
             "phases": [vars(phase) for phase in self.manoeuvre.phases],
             "criteria": [result.as_dict() for result in self.results],
             "conditions": [
@@ -194,6 +205,7 @@ def score(
     scale: Scale = FULL_SCALE,
     target_ned_m: Array | None = None,
     ground_m: float = 0.0,
+    asked_s: Span | None = None,
 ) -> ManoeuvreScore:
     """Score a manoeuvre.
 
@@ -208,6 +220,9 @@ def score(
         Hover point, end of the course or centre of the circle; default: from the flight itself.
     ground_m : float
         Height of the ground in the track's frame, m.
+    asked_s : (float, float), optional
+        Begin and end, s, of what should be in the track; default: from its first sample to its
+        last.
 
     Raises
     ------
@@ -227,7 +242,14 @@ def score(
     conditions = tuple(
         ConditionResult(c, flown_manoeuvre.conditions.get(c.name)) for c in table.conditions
     )
-    return ManoeuvreScore(table, scale, flown_manoeuvre, tuple(results), conditions)
+    held = _held(track.time_s, asked_s)
+    return ManoeuvreScore(table, scale, flown_manoeuvre, tuple(results), conditions, held)
+
+
+def _held(time_s: Array, asked_s: Span | None) -> Coverage:
+    """What of a stretch is in samples (N,), s; of None: of that from the first to the last."""
+    span = (float(time_s[0]), float(time_s[-1])) if asked_s is None else asked_s
+    return coverage_of(time_s, [span], period_of(time_s))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -255,11 +277,14 @@ class FrequencyResponse:
     omega_radps : (L,) array
     response : (L,) complex array
     coherence : (L,) array
+    coverage : Coverage
+        What of the stretch that it was worked out from is recorded.
     """
 
     omega_radps: Array
     response: NDArray[np.complex128]
     coherence: Array
+    coverage: Coverage = Coverage()
 
     @property
     def gain_db(self) -> Array:
@@ -310,7 +335,11 @@ def resampled(time_s: Array, values: Array, at_s: Array) -> Array:
 
 
 def frequency_response(
-    time_s: Array, excitation: Array, answer: Array, window_s: float | None = None
+    time_s: Array,
+    excitation: Array,
+    answer: Array,
+    window_s: float | None = None,
+    asked_s: Span | None = None,
 ) -> FrequencyResponse:
     """Response of `answer` to `excitation`, by Welch's spectra with Hann windows.
 
@@ -321,6 +350,8 @@ def frequency_response(
     excitation, answer : (N,) array
     window_s : float, optional
         Default: a fifth of the record. Longer ones reach lower frequencies with more scatter.
+    asked_s : (float, float), optional
+        As of `score`.
 
     Raises
     ------
@@ -366,7 +397,10 @@ def frequency_response(
             f"{_LEAST_LINES} are needed; the largest is {best:.2f}",
         )
     return FrequencyResponse(
-        2.0 * np.pi * hertz[longest], cross[longest] / power[longest], coherence[longest]
+        2.0 * np.pi * hertz[longest],
+        cross[longest] / power[longest],
+        coherence[longest],
+        _held(time_s, asked_s),
     )
 
 
@@ -473,7 +507,10 @@ def changes(time_s: Array, angle_rad: Array) -> list[AttitudeChange]:
             steady_s = max(_STEADY_FOR_S, _STEADY_SHARE * float(time_s[b] - time_s[begin]))
             since = float(time_s[begin]) - steady_s
             before = (time_s < time_s[begin]) & (time_s >= since)
-            if since < time_s[0] or np.abs(rate[before]).max() > _STEADY * peak_rate:
+            # What is not recorded was not steady.
+            if since < time_s[0] or not before.any():
+                continue
+            if np.abs(rate[before]).max() > _STEADY * peak_rate:
                 continue
             back = np.flatnonzero(sign * rate[b + 1 :] > 0.0)
             end = b + 1 + int(back[0]) if back.size else time_s.size

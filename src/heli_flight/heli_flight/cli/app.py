@@ -101,8 +101,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     epilog="heli COMMAND --help shows a command's options and an example.\n\n"
-    "exit code: 0 done, 1 a flight outside the paper's figures or lost, 2 bad input (one line), "
-    "130 interrupted",
+    "exit code: 0 done, 1 a flight outside the paper's figures, lost, or recorded in part, 2 bad "
+    "input (one line), 130 interrupted",
 )
 app.add_typer(bag, name="bag")
 app.add_typer(fault)
@@ -117,8 +117,8 @@ app.command(epilog=DIFF_EPILOG)(diff)
 @app.command(
     epilog="\b\nexample:\n  heli report flights/my_flight --figures --pdf\n"
     "  heli report rosbag2_2026_11_21 --params my.yaml\n\n"
-    "exit code: 0 written, 1 written, but its ground truth is not what the plant sent, 2 bad input "
-    "(one line)"
+    "exit code: 0 written, 1 written, but only a part of the flight was recorded, or its ground "
+    "truth is not what the plant sent, 2 bad input (one line)"
 )
 def report(
     bag: Annotated[Path, typer.Argument(help="rosbag2 folder, or the folder of a flight")],
@@ -156,18 +156,26 @@ def report(
             tell("pdf", 0, 1)
             printed = write_pdf(page, program)
             tell("pdf", 1, 1)
-    result = flight.result
+    result, receiver = flight.result, flight.settings.gps
+    # A report tells what was flown, good or bad; it fails where the record is not that flight.
+    lacking = result.partial(receiver)
+    code = 1 if result.forged or lacking else 0
     if as_json:
         drawn = sorted(str(path) for path in (page.parent / "figures").iterdir()) if figures else []
-        content = {"report": str(page), "figures": drawn, "forged": result.forged}
+        content: dict[str, object] = {"report": str(page), "figures": drawn}
+        content |= {"forged": result.forged}
+        content |= {"verdict": result.verdict(receiver).value, "partial": lacking}
+        content |= {"coverage": result.coverage(receiver).as_dict()}
         content |= {"pdf": str(printed)} if printed else {}
         print(json_text(content), end="")
-        return 1 if result.forged else 0
+        return code
     if result.forged:
         print(f"FORGED: {result.forged}")
+    if lacking:
+        print(f"PARTIAL: {lacking}")
     for written in filter(None, (page, printed)):
         print(f"written: {written}")
-    return 1 if result.forged else 0
+    return code
 
 
 # Studies are an extra: where it is installed it brings commands of its own.

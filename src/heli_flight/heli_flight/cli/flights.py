@@ -318,7 +318,9 @@ def replay(
 
 DIFF_EPILOG = (
     "\b\nexample:\n  heli diff flights/before flights/after\n"
-    "  heli diff soft close dear_angles --out three.html --json"
+    "  heli diff soft close dear_angles --out three.html --json\n\n"
+    "exit code: 0 written, 1 written, but only a part of a flight was recorded, or its ground "
+    "truth is not what the plant sent, 2 bad input (one line)"
 )
 
 
@@ -347,7 +349,8 @@ def diff(
     except OSError as error:
         raise ParameterError(f"--out {out}: cannot be written: {error.strerror}") from None
     content = {**comparison.as_dict(), "page": str(out)}
-    return answer(content, as_json, partial(print_diff, comparison), f"written: {out}")
+    answer(content, as_json, partial(print_diff, comparison), f"written: {out}")
+    return comparison.exit_code
 
 
 # -------------------------------------------------------------------------------------------------

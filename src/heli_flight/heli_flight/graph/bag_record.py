@@ -11,8 +11,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_bags.reader import Bag, Remark, Stream, read_bag
+from heli_bags.reader import Bag, Remark, read_bag
 from heli_bags.writer import BagError
+from heli_core.coverage import A_FEW
 from heli_core.errors import FlightError
 from heli_core.rotations import quat_to_R_nb
 from heli_core.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
@@ -53,14 +54,22 @@ class _Clock:
         return (stamp_ns - self.start_ns) // self.rate.tick_ns
 
 
-def _at(stream: Stream | None, ticks: NDArray[np.int64], clock: _Clock, size: int) -> np.ndarray:
-    """Rows (N, size) at the ticks: the newest message at or before each; NaN before the first."""
-    rows = np.full((ticks.size, size), np.nan)
+def _at(bag: Bag, name: str, ticks: NDArray[np.int64], clock: _Clock, size: int) -> np.ndarray:
+    """Rows (N, size) at the ticks: the newest message at or before each.
+
+    NaN before the first one, and in a gap of more than `A_FEW` of its periods: what was said before
+    it says nothing of then.
+    """
+    rows, stream = np.full((ticks.size, size), np.nan), bag.streams.get(name)
     if stream is None or not stream.stamp_ns.size:
         return rows
     known = clock.ticks(stream.stamp_ns)
     index = np.searchsorted(known, ticks, side="right") - 1
-    rows[index >= 0] = stream.rows[index[index >= 0]]
+    period = clock.rate.every(topics.BY_NAME[name].every_ticks)
+    until = np.append(known[1:], ticks[-1] + 1)
+    silent = until - known > (A_FEW + 1) * period
+    held = (index >= 0) & ~(silent[index] & (ticks - known[index] >= period))
+    rows[held] = stream.rows[index[held]]
     return rows
 
 
@@ -242,7 +251,7 @@ def _record(
     bag: Bag, ticks: NDArray[np.int64], clock: _Clock, limits: ReferenceLimits
 ) -> FlightRecord:
     def at(name: str, size: int) -> np.ndarray:
-        return _at(bag.streams.get(name), ticks, clock, size)
+        return _at(bag, name, ticks, clock, size)
 
     excited = _excited(bag)
 

@@ -178,11 +178,12 @@ def outcome(
     missing = settings.rate.of(settings.scenario.n_ticks) - len(record)
     if missing > 0 and not plant_error:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
-    scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
+    scores = score(record, settings.scenario, settings.rate)
+    flown_s = settings.rate.seconds(len(record))
     forged = foreign_truth(flight, folder / TRUTH_SUMS, settings.rate)
     recorder = statuses.get("recorder")
-    partial = recorder.facts.get(DEAF, "") if recorder is not None else ""
-    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged, partial)
+    unheard = recorder.facts.get(DEAF, "") if recorder is not None else ""
+    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged, unheard)
     mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight
 

@@ -20,7 +20,7 @@ from heli_flight.report.data import Chart, Panel, Trace, bands_beside, with_band
 from heli_flight.report.page import PageHeader, filled
 from heli_flight.report.tables import ReportTable, mark
 from heli_flight.report.write import RecordedFlight, recorded
-from heli_flight.result import climb_cell, phases, verdict
+from heli_flight.result import Verdict, climb_cell, phases, verdict
 from heli_flight.scoring import (
     DECIDES,
     NAVIGATION,
@@ -59,6 +59,16 @@ class Named:
     def place(self) -> str:
         """Where it was read."""
         return str(self.path) if self.path else f"in memory ({self.flight.how})"
+
+    @property
+    def gps(self) -> str:
+        """The receiver that it flew with."""
+        return self.flight.settings.gps
+
+    @property
+    def partial(self) -> str:
+        """Why only a part of it can be judged, one sentence; empty if all can."""
+        return self.flight.result.partial(self.gps)
 
 
 @dataclass(frozen=True)
@@ -138,6 +148,12 @@ class FlightDiff:
         """What the flights are called."""
         return [named.name for named in self.flights]
 
+    @property
+    def exit_code(self) -> int:
+        """0 if each record is the flight's and whole; what was flown is compared, not judged."""
+        found = {named.flight.result.verdict(named.gps) for named in self.flights}
+        return int(not found.isdisjoint({Verdict.FORGED, Verdict.PARTIAL}))
+
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
         return {
@@ -148,7 +164,11 @@ class FlightDiff:
                     "how": named.flight.how,
                     "flown_s": named.flight.result.flown_s,
                     "lost": named.flight.result.lost,
-                    "exit_code": named.flight.result.exit_code(named.flight.settings.gps),
+                    "forged": named.flight.result.forged,
+                    "partial": named.partial,
+                    "verdict": named.flight.result.verdict(named.gps).value,
+                    "coverage": named.flight.result.coverage(named.gps).as_dict(),
+                    "exit_code": named.flight.result.exit_code(named.gps),
                     "missing": list(named.flight.missing),
                 }
                 for named in self.flights
@@ -536,8 +556,8 @@ def _verdict(named: Named) -> tuple[str, str, str]:
         return "✗", "bad", f"{named.name}: forged: {result.forged}"
     if result.lost:
         return "✗", "bad", f"{named.name}: lost after {result.flown_s:.2f} s: {result.lost}"
-    if result.partial:
-        return "✗", "bad", f"{named.name}: partial: {result.partial}"
+    if named.partial:
+        return "✗", "bad", f"{named.name}: partial: {named.partial}"
     sentence = f"{named.name}: {verdict(result, settings, DECIDES)}"
     if not result.figures.of(DECIDES):
         return "–", "", sentence

@@ -196,10 +196,11 @@ def _verdicts(report: Report) -> list[tuple[str, str, str]]:
         return [("✗", "bad", f"Forged: {result.forged}")]
     if result.lost:
         return [("✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}")]
+    partial = result.partial(report.settings.gps)
+    if partial:
+        return [("✗", "bad", f"Partial: {partial}")]
     if not result.figures.all:
         return [("–", "", "Not scored: nothing was recorded that could be.")]
-    if result.partial:
-        return [("✗", "bad", f"Partial: {result.partial}")]
     return [_verdict(report, stretch) for stretch in STRETCHES]
 
 

@@ -90,6 +90,8 @@ def result_tables(report: Report) -> list[ReportTable]:
             caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {remark}"
             if stretch == DECIDES:
                 caption += " This table decides the exit code."
+            lacking = report.result.coverage(report.settings.gps, stretch).sentence
+            caption += f" Partial: {lacking}." if lacking else ""
             tables.append(ReportTable(head, rows, caption))
     if tables and TRUTH_LESS_DRIFT in _sources(report):
         tables[0] = replace(tables[0], caption=f"{tables[0].caption} {_LESS_DRIFT}")
@@ -236,10 +238,8 @@ def _distance_row(report: Report, stretch: str) -> list[str]:
     for source in _sources(report):
         axis_errors = errors(report.record, source, "hover")
         error = np.hypot(*(axis_errors.get(k, _UNKNOWN) for k in ("longitudinal", "lateral")))
-        if not np.isfinite(error).any():
-            cells.append(_NONE)
-            continue
-        cells.append(_cell(*size(error[scored]), None))
+        known = np.isfinite(error) & scored
+        cells.append(_cell(*size(error[known]), None) if known.any() else _NONE)
     return [
         "horizontal distance, m", *cells, _NONE, f"{PD_PID_M:.2f}", f"{NONLINEAR_M:.2f}", _NONE,
     ]  # fmt: skip

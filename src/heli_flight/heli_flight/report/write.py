@@ -16,7 +16,7 @@ from heli_bags.tools import LogTopic, ulog
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import IMU, REFERENCE
-from heli_core.ticks import Rate
+from heli_core.ticks import Rate, ticks_in
 from heli_flight import loop as closed_loop
 from heli_flight.flight_file import NAME
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag, judged_truth, lost_with_law
@@ -142,8 +142,11 @@ def _rival(settings: Settings) -> Rival:
     inner = settings.nodes["inner_loop"]
     law = "hinf_output" if inner["controller"] == "pid" else "pid"
     nodes = {**settings.nodes, "inner_loop": {**inner, "controller": law}}
-    flight = closed_loop.simulate(without_own(replace(settings, nodes=nodes)))
-    figures = score(flight.record, settings.scenario)
+    # As long as it was ordered, however long the record is.
+    n_ticks = ticks_in(settings.scenario_parameters["duration_s"])
+    scenario = replace(settings.scenario, n_ticks=n_ticks)
+    flight = closed_loop.simulate(without_own(replace(settings, nodes=nodes, scenario=scenario)))
+    figures = score(flight.record, settings.scenario, settings.rate)
     return Rival(law, flight.record, figures, flight.sentence)
 
 
@@ -243,6 +246,7 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
             f"{settings.scenario_name} were taken, so wind, seed, limits, scored phases and design "
             "may not be those of this flight.",
         )
+        settings = _cut_to_record(settings, record)
     forged, unknown = judged_truth(flight, beside, settings.rate)
     missing += [unknown] if unknown else []
     return RecordedFlight(
@@ -263,8 +267,9 @@ def _of_one_process(folder: Path, choice: BagChoice) -> RecordedFlight:
     result_json = _result_beside(folder)
     settings = _settings(choice, result_json, folder / NAME)
     flight = BagFlight(read_record(folder / RECORD), (), ())
-    result = _result(flight.record, settings, flight, result_json)
     known = bool(choice.params) or (folder / NAME).is_file()
+    settings = settings if known else _cut_to_record(settings, flight.record)
+    result = _result(flight.record, settings, flight, result_json)
     mode = result_json.get("mode", ONE_PROCESS)
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
     commit = str(result_json.get("commit", ""))
@@ -386,6 +391,12 @@ def _settings(choice: BagChoice, result_json: dict[str, Any], saved: Path) -> Se
         raise
 
 
+def _cut_to_record(settings: Settings, record: FlightRecord) -> Settings:
+    """Settings of a flight that begins and ends with its record: nobody knows its order."""
+    begin_s, end_s = float(record.time_s[0]), float(record.time_s[-1]) + settings.rate.tick_s
+    return replace(settings, scenario=settings.scenario.cut_to(begin_s, end_s))
+
+
 def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, list[str]]:
     """The record with the scenario's reference where none was recorded, and what is missing."""
     missing = []
@@ -414,7 +425,7 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
 def _result(
     record: FlightRecord, settings: Settings, flight: BagFlight, result_json: dict[str, Any]
 ) -> Result:
-    figures = score(record, settings.scenario).finite()
+    figures = score(record, settings.scenario, settings.rate)
     plant_errors = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
     fallen = plant_errors[-1].message if plant_errors else ""
     lost = result_json.get("lost", lost_with_law(fallen, (r.facts for r in flight.remarks)))
@@ -422,8 +433,8 @@ def _result(
     wall = result_json.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
     notes = tuple(map(str, result_json.get("notes", ())))
-    partial = str(result_json.get("partial", ""))
-    return Result(figures, str(lost), flown, wall_s, notes, flight.aircraft, partial=partial)
+    unheard = str(result_json.get("unheard", ""))
+    return Result(figures, str(lost), flown, wall_s, notes, flight.aircraft, unheard=unheard)
 
 
 # -------------------------------------------------------------------------------------------------

@@ -34,7 +34,6 @@ from heli_flight import interrupts
 from heli_flight.fly import FlightOrder, fly_and_write
 from heli_flight.loop import LoopFlight, simulate
 from heli_flight.result import Result, conditions
-from heli_flight.scenario import Scenario
 from heli_flight.scoring import (
     DECIDES,
     SOURCE_NAMES,
@@ -52,6 +51,7 @@ from heli_flight.terminal import FittingTable, steps, table
 from heli_flight.terminal import table as text_table
 from heli_studies.campaign.spec import (
     CAUSE,
+    COVERAGE,
     EXIT_CODE,
     FIGURE,
     NUMBER,
@@ -481,16 +481,18 @@ def _flown(
             mode=LOCKSTEP, params=[file], out=flight_folder / "flight", report=False
         )
         outcome = fly(order)
-        figure, difference = _largest(by_number[number], outcome.result)
+        figure, difference = _largest(by_number[number], outcome.result, spec.base.gps)
         yield GraphComparison(number, figure, difference, str(flight_folder / "flight"))
 
 
-def _largest(row: dict[str, Any], result: Result) -> tuple[str, float]:
+def _largest(row: dict[str, Any], result: Result, gps: str) -> tuple[str, float]:
     """The figure that differs most, and by how much."""
     if bool(result.lost) != (row[CAUSE] == FlightEnding.LOST):
         return CAUSE, math.inf
     if result.lost:
         return CAUSE, 0.0
+    if not result.figures.covered(gps).is_whole:
+        return COVERAGE, math.inf
     flown = {f"{WHOLE}{s.name}": s.max for s in result.figures.whole}
     flown |= {f"{FIGURE}{s.name}": s.max for s in result.figures.windows}
     stored = {k: v for k, v in row.items() if k.startswith((WHOLE, FIGURE)) and v is not None}
@@ -874,10 +876,11 @@ class FlownSeed:
     lost: str
 
     @classmethod
-    def of(cls, seed: int, flight: LoopFlight, scenario: Scenario) -> "FlownSeed":
+    def of(cls, seed: int, flight: LoopFlight, settings: Settings) -> "FlownSeed":
         """What a flight has shown; of a lost one nothing is scored."""
-        figures = Figures() if flight.sentence else score(flight.record, scenario)
-        return cls(seed, figures, flight.sentence)
+        if flight.sentence:
+            return cls(seed, Figures(), flight.sentence)
+        return cls(seed, score(flight.record, settings.scenario, settings.rate), "")
 
     def exit_code(self, gps: str) -> int:
         """As the hover test's, `Result.exit_code`."""
@@ -902,7 +905,7 @@ def fly_seeds(
             flown.append(FlownSeed(seed, Figures(), f"The aircraft cannot hover: {error}"))
             progress(len(flown))
             continue
-        flown.append(FlownSeed.of(seed, flight, settings.scenario))
+        flown.append(FlownSeed.of(seed, flight, settings))
         progress(len(flown))
     return flown
 
@@ -965,7 +968,10 @@ def seeds_table(
 def inside_of(flown: Sequence[FlownSeed], gps: str, stretch: str) -> int:
     """How many flights were not lost and are inside the paper's figures over a stretch."""
     return sum(
-        not f.lost and not Result(f.figures, "", 0.0, 0.0).judged(gps, stretch) for f in flown
+        not f.lost
+        and f.figures.covered(gps, stretch).is_whole
+        and not Result(f.figures, "", 0.0, 0.0).judged(gps, stretch)
+        for f in flown
     )
 
 
@@ -987,6 +993,9 @@ def remarks(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> list[str]:
             if f.lost:
                 lines.append(f"lost: {gps}, seed {f.seed}: {f.lost}")
                 continue
+            lacking = f.figures.covered(gps)
+            if not lacking.is_whole:
+                lines.append(f"partial: {gps}, seed {f.seed}: {lacking.sentence}")
             for s in Result(f.figures, "", 0.0, 0.0).judged(gps):
                 lines.append(
                     f"outside the paper's figures: {gps}, seed {f.seed}: {s.metric.label} "
@@ -1019,6 +1028,7 @@ def _flight_row(f: FlownSeed, gps: str) -> dict[str, Any]:
         "seed": f.seed,
         "lost": f.lost,
         "exit_code": f.exit_code(gps),
+        "coverage": 0.0 if f.lost else f.figures.covered(gps).share,
         "max_whole": {s.name: s.max for s in f.figures.whole},
         "max": {s.name: s.max for s in f.figures.windows},
         "climb": {f"{c.metric.key} ({c.source})": c.value for c in f.figures.climb},

@@ -644,6 +644,7 @@ class FlightEnding(StrEnum):
     """How a flight ended."""
 
     FLOWN = "flown"
+    PARTIAL = "partial"
     LOST = "lost"
     NO_TRIM = "no trim holds it"
     REFUSED = "parameters refused"
@@ -652,7 +653,9 @@ class FlightEnding(StrEnum):
 
 
 NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE = "flight", "seed", "cause", "sentence", "exit_code"
-FIXED = (NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE)
+COVERAGE = "coverage"
+"""Share of what is judged that is in the record, 0 to 1; 0 of a flight of which nothing is."""
+FIXED = (NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE, COVERAGE)
 """Columns of every campaign; `in.` and `max.` begin those of inputs and of figures."""
 INPUT, FIGURE, WHOLE = "in.", "max.", "max_whole."
 
@@ -709,9 +712,13 @@ def _row(spec: Spec, number: int, folder: Path) -> dict[str, Any]:
         return row | _end(FlightEnding.THREW, f"{type(error).__name__}: {error} ({where})")
     if flight.sentence:
         return row | _end(FlightEnding.LOST, flight.sentence)
-    figures = score(flight.record, settings.scenario)
-    code = Result(figures, "", 0.0, 0.0).exit_code(settings.gps)
-    row |= _end(FlightEnding.FLOWN, "", code)
+    result = Result(score(flight.record, settings.scenario, settings.rate), "", 0.0, 0.0)
+    lacking, figures = result.partial(settings.gps), result.figures
+    ending = FlightEnding.PARTIAL if lacking else FlightEnding.FLOWN
+    share = result.coverage(settings.gps).share
+    row |= _end(ending, lacking, result.exit_code(settings.gps), share)
+    if lacking:
+        return row
     row |= {f"{WHOLE}{s.name}": float(s.max) for s in figures.whole}
     return row | {f"{FIGURE}{s.name}": float(s.max) for s in figures.windows}
 
@@ -722,8 +729,8 @@ def _begun(spec: Spec, number: int) -> dict[str, Any]:
     return row | {f"{INPUT}{name}": value for name, value in inputs.items()}
 
 
-def _end(cause: FlightEnding, sentence: str, code: int = 1) -> dict[str, Any]:
-    return {CAUSE: cause.value, SENTENCE: sentence, EXIT_CODE: code}
+def _end(cause: FlightEnding, sentence: str, code: int = 1, share: float = 0.0) -> dict[str, Any]:
+    return {CAUSE: cause.value, SENTENCE: sentence, EXIT_CODE: code, COVERAGE: share}
 
 
 # -------------------------------------------------------------------------------------------------
