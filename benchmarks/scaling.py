@@ -41,7 +41,7 @@ def tasks(count: int) -> dict[str, float]:
 
     with (
         LocalCluster(
-            n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=":0"
+            n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=None
         ) as cluster,
         Client(cluster) as client,
     ):

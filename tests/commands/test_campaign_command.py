@@ -148,7 +148,7 @@ def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
     ],
 )
 def test_what_cannot_be_done_is_one_line(file, tmp_path, capsys, monkeypatch, words, fragment):
-    monkeypatch.setattr("heli_studies.campaign.run._REACH_S", 1.0)
+    monkeypatch.setattr("heli_studies.campaign.workers._REACH_S", 1.0)
     assert cli.main(["campaign", str(file), "--out", str(tmp_path / "out"), *words]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and fragment in lines[0]

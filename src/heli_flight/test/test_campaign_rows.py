@@ -5,14 +5,9 @@ import errno
 import json
 import os
 import re
-import subprocess
-import sys
-import threading
-from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
-from distributed import KilledWorker, LocalCluster
 
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.loop import simulate
@@ -23,12 +18,10 @@ from heli_studies.campaign.run import (
     ROWS,
     SPEC_NAME,
     Store,
-    fly_by_dask,
-    fly_here,
     summary_of,
-    tasks,
 )
 from heli_studies.campaign.spec import FlightEnding, fly_rows, spec_of, write_rerun_files
+from heli_studies.campaign.workers import fly_here, tasks
 
 TEXT = """flights: 7
 world: paper
@@ -196,59 +189,6 @@ def test_parameters_that_are_refused_leave_no_folder(spec, tmp_path, monkeypatch
     monkeypatch.setattr("heli_studies.campaign.spec.settings_of", refuse)
     assert write_rerun_files(spec, [0], tmp_path / "worst") == []
     assert list((tmp_path / "worst").iterdir()) == []
-
-
-def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_path, monkeypatch):
-    """In this process: a scheduler and a worker in threads of it."""
-
-    def sources():
-        return "ours" if threading.current_thread() is threading.main_thread() else "theirs"
-
-    monkeypatch.setattr("heli_studies.campaign.run.sources_commit", sources)
-    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
-        with pytest.raises(ParameterError, match=r"\btheirs\b.*\bours\b"):
-            list(fly_by_dask(spec, [[0]], 0, local.scheduler_address))
-        monkeypatch.setattr("heli_studies.campaign.run.sources_commit", lambda: "one")
-        died = tmp_path / "died"
-
-        def fly(_, numbers):
-            if 1 in numbers:
-                with died.open("a") as file:
-                    print(numbers, file=file)
-                raise KilledWorker("task", SimpleNamespace(address="here"), 3)
-            return "one", [{"flight": number} for number in numbers]
-
-        monkeypatch.setattr("heli_studies.campaign.run._fly", fly)
-        parts = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
-    rows = sorted((row for part in parts for row in part), key=lambda row: row["flight"])
-    assert [row["flight"] for row in rows] == [0, 1, 2, 3]
-    assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
-    assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1
-    assert rows[1]["in.plant.scale.mass"] == spec.inputs[1][0]
-
-
-LISTENING = """
-import psutil
-from heli_studies.campaign.run import connected
-
-if __name__ == "__main__":
-    with connected(1, None):
-        ours = psutil.Process()
-        for process in (ours, *ours.children(recursive=True)):
-            for socket in process.net_connections(kind="inet"):
-                if socket.status == psutil.CONN_LISTEN:
-                    print(socket.laddr.ip)
-"""
-
-
-def test_a_campaign_listens_on_this_machine_alone(tmp_path):
-    """Dashboards, too: by default they listen on every address of the machine."""
-    script = tmp_path / "listening.py"
-    script.write_text(LISTENING)
-    done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert set(done.stdout.split()) == {"127.0.0.1"}
 
 
 def test_rows_can_be_read_by_anybody(spec, file, tmp_path):

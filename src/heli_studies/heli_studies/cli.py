@@ -355,7 +355,11 @@ def campaign(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="of a spec: a Dask scheduler, tcp://host:8786"),
+        typer.Option(
+            metavar="ADDRESS",
+            help="of a spec: a Dask scheduler, tls://host:8786 with Dask's own settings of "
+            "certificates; on tcp:// whoever reaches it can run code",
+        ),
     ] = None,
     via: Annotated[
         str | None,
@@ -409,13 +413,11 @@ def _spec(
     from heli_studies.campaign.run import (
         Store,
         campaign_as_dict,
-        fly_by_dask,
-        fly_here,
         print_summary,
         summary_of,
-        tasks,
     )
     from heli_studies.campaign.spec import EXIT_CODE, spec_of, write_rerun_files
+    from heli_studies.campaign.workers import flier, tasks
 
     if out is None:
         raise ParameterError("--out: missing; a spec's rows need a folder that does not exist")
@@ -428,13 +430,11 @@ def _spec(
     flown, failed, begun = len(done), 0, time.monotonic()
     if todo:
         many = min(cores if workers is None else workers, len(todo))
-        here = scheduler is None and many == 0
-        coming = fly_here(spec, todo) if here else fly_by_dask(spec, todo, many, scheduler)
         flights = long_steps("flights", len(spec.inputs), flown)
         if scheduler is None:
             tell_if_it_compiles(console(stderr=True))
-        with store.kept_if_flown(), flights as progress:
-            for rows in coming:
+        with store.kept_if_flown(), flier(many, scheduler) as fly, flights as progress:
+            for rows in fly(spec, todo):
                 store.put(rows)
                 flown += len(rows)
                 failed += sum(bool(row[EXIT_CODE]) for row in rows)
@@ -496,7 +496,12 @@ _Workers = Annotated[
     ),
 ]
 _Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="a Dask scheduler, tcp://host:8786")
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="a Dask scheduler, tls://host:8786 with Dask's own settings of certificates; on "
+        "tcp:// whoever reaches it can run code",
+    ),
 ]
 
 
@@ -649,8 +654,9 @@ def _searched(
     """Run a search, tell and keep what it has found; what stands, if it is broken off."""
     from heli_core.errors import FlightError
     from heli_flight.terminal import console, json_text, long_steps
-    from heli_studies.campaign.rare import flier, print_folder
+    from heli_studies.campaign.rare import print_folder
     from heli_studies.campaign.spec import write_rerun_files
+    from heli_studies.campaign.workers import flier
 
     def finish(broken: bool) -> None:
         result = content()
@@ -663,8 +669,10 @@ def _searched(
         show(console(stderr=broken))
         print_folder(console(stderr=broken), out, again)
 
+    workers, scheduler = who
+    many = len(os.sched_getaffinity(0)) if workers is None else workers
     try:
-        with flier(*who) as fly, long_steps("flights", most) as progress:
+        with flier(many, scheduler, resumes=False) as fly, long_steps("flights", most) as progress:
             flights.fly, flights.report_count = fly, lambda flown: progress(flown, remark())
             run()
     except (KeyboardInterrupt, FlightError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A campaign's folder: its spec, who flies it, and its rows as Parquet, a file per task.
+"""A campaign's folder: its spec, and its rows as Parquet, a file per task.
 
 A file appears whole or not at all, so that a killed campaign goes on where it was.
 """
@@ -7,16 +7,14 @@ A file appears whole or not at all, so that a killed campaign goes on where it w
 import contextlib
 import heapq
 import json
-import logging
 import math
 import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,11 +24,9 @@ from rich.console import Console
 from scipy import stats
 from scipy.special import betaincinv
 
-from heli_core.errors import FlightError
 from heli_core.metrics import BY_KEY, METRICS, PATH
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
-from heli_flight import interrupts
 from heli_flight.fly import FlightOrder, fly_and_write
 from heli_flight.loop import LoopFlight, simulate
 from heli_flight.result import Result, conditions
@@ -63,6 +59,7 @@ from heli_studies.campaign.spec import (
     Spec,
     write_rerun_files,
 )
+from heli_studies.campaign.workers import Rows
 
 # -------------------------------------------------------------------------------------------------
 # Store.
@@ -175,7 +172,7 @@ class Store:
                 part.unlink()
         return numbers
 
-    def put(self, rows: Sequence[dict[str, Any]]) -> None:
+    def put(self, rows: Rows) -> None:
         """Keep the rows of a task.
 
         Raises
@@ -223,167 +220,6 @@ class Store:
             made.replace(path)
         finally:
             made.unlink(missing_ok=True)
-
-
-# -------------------------------------------------------------------------------------------------
-# A campaign's flights on many processes: here, or where a Dask scheduler has its workers.
-# -------------------------------------------------------------------------------------------------
-
-Rows = list[dict[str, Any]]
-
-
-class FlightBatch(Protocol):
-    """Flights with numbers from 0 on, which fly anywhere: a `Spec`, or what else has these four."""
-
-    @property
-    def chunk(self) -> int:
-        """Flights of a task."""
-
-    @property
-    def count(self) -> int:
-        """Flights of it."""
-
-    def fly(self, numbers: Sequence[int]) -> Rows:
-        """Fly these; a row each, with its number under `NUMBER`, that follows from it alone."""
-
-    def killed(self, number: int) -> dict[str, Any]:
-        """The row of a flight that ended its process each time; may raise FlightError."""
-
-
-_REACH_S = 20.0
-# Dask looks at each worker's stack every 10 ms: one that compiles kernels nearly comes to a halt.
-_UNPROFILED = {"distributed.worker.profile.enabled": False}
-_SILENT = logging.CRITICAL + 1
-_GONE = "the scheduler is gone; what was flown stays, --resume goes on"
-
-
-def tasks(batch: FlightBatch, done: set[int]) -> list[list[int]]:
-    """What is still to be flown, by tasks; they are the same whoever flies them."""
-    task_list, count = [], batch.count
-    for first in range(0, count, batch.chunk):
-        left = [n for n in range(first, min(first + batch.chunk, count)) if n not in done]
-        if left:
-            task_list.append(left)
-    return task_list
-
-
-def fly_here(batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    """Fly task after task in this process."""
-    for numbers in todo:
-        yield batch.fly(numbers)
-
-
-def fly_by_dask(
-    batch: FlightBatch, todo: Sequence[Sequence[int]], workers: int, scheduler: str | None
-) -> Iterator[Rows]:
-    """Fly tasks on a cluster; rows come as they are flown.
-
-    Parameters
-    ----------
-    batch : FlightBatch
-    todo : sequence of sequence of int
-        As of `tasks`.
-    workers : int
-        Processes of a cluster on this machine.
-    scheduler : str or None
-        Address of another cluster's, such as tcp://10.0.0.1:8786.
-
-    Raises
-    ------
-    ParameterError
-        The scheduler cannot be reached, or a worker has other sources.
-    FlightError
-        The scheduler has gone.
-    """
-    with connected(workers, scheduler) as client:
-        yield from fly_on(client, batch, todo)
-
-
-def fly_on(client: Any, batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    """The same by a client that is there already (`connected`)."""
-    from distributed import CancelledError, as_completed
-    from distributed.comm import CommClosedError
-
-    # A key of its own: the same batch of an earlier call may be let go of at this very moment.
-    shared = client.scatter(batch, broadcast=True, hash=False)
-    futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
-    coming = as_completed(futures, loop=client.loop)
-    try:
-        for future in coming:
-            numbers = futures.pop(future)
-            rows, again = _taken(batch, future, numbers)
-            for number in again:
-                new = client.submit(_fly, shared, [number], pure=False)
-                futures[new] = [number]
-                coming.add(new)
-            if rows:
-                yield rows
-    except (CancelledError, CommClosedError, TimeoutError, OSError):
-        raise FlightError(_GONE) from None
-
-
-def _taken(batch: FlightBatch, future: Any, numbers: list[int]) -> tuple[Rows, list[int]]:
-    """Rows of a task, or what to fly again, one by one, as its process has ended too often."""
-    from distributed import KilledWorker
-
-    try:
-        commit, rows = future.result()
-    except KilledWorker:
-        return ([], numbers) if len(numbers) > 1 else ([batch.killed(numbers[0])], [])
-    _check_commit(commit, future.key)
-    return rows, []
-
-
-def _fly(batch: FlightBatch, numbers: list[int]) -> tuple[str, Rows]:
-    return sources_commit(), batch.fly(numbers)
-
-
-def _check_commit(commit: str, where: str) -> None:
-    if commit != sources_commit():
-        raise ParameterError(
-            f"--scheduler: {where}: a worker flies the sources of {commit}, these are "
-            f"{sources_commit()}; allowed: the same on all"
-        )
-
-
-@contextlib.contextmanager
-def connected(workers: int, scheduler: str | None) -> Iterator[Any]:
-    """A client of a cluster, as `fly_by_dask` takes it, which ends with it if it is its own."""
-    from distributed import Client, LocalCluster
-
-    # The matrices are small: threads of the linear algebra only cost time. The workers inherit it.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What happens to the cluster is said in our own sentences.
-    for name in [*logging.root.manager.loggerDict, "asyncio", "tornado"]:
-        if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
-            logging.getLogger(name).handlers = [logging.NullHandler()]
-            logging.getLogger(name).propagate = False
-    with contextlib.ExitStack() as ends:
-        if scheduler is None:
-            # Workers inherit that SIGINT is blocked, those that are started anew, too: Ctrl-C goes
-            # to all processes of a terminal, and this one ends the others. The tracker unblocks it
-            # in the thread that starts it.
-            resource_tracker.ensure_running()
-            with interrupts.held_back():
-                cluster = LocalCluster(
-                    n_workers=workers, threads_per_worker=1, processes=True,
-                    dashboard_address=None, silence_logs=_SILENT, config=_UNPROFILED,
-                )  # fmt: skip
-                address = ends.enter_context(cluster)
-        else:
-            address = scheduler
-        try:
-            client = Client(address, timeout=_REACH_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise ParameterError(
-                f"--scheduler {scheduler}: {' '.join(str(error).split())}; allowed: the address of "
-                "a scheduler that runs, such as tcp://127.0.0.1:8786"
-            ) from None
-        ends.enter_context(client)
-        if scheduler is not None:
-            for where, commit in client.run(sources_commit).items():
-                _check_commit(commit, where)
-        yield client
 
 
 # -------------------------------------------------------------------------------------------------
