@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,9 +12,10 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import dask
 import psutil
 import pytest
-from distributed import KilledWorker, LocalCluster
+from distributed import KilledWorker, LocalCluster, Security
 
 from heli_core.errors import FlightError
 from heli_core.rcl_yaml import ParameterError
@@ -202,3 +204,31 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
     assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
     assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1
     assert rows[1]["in.plant.scale.mass"] == spec.inputs[1][0]
+
+
+@pytest.fixture
+def certificate(tmp_path):
+    """A key and its certificate, which is its own authority, as Dask's configuration names them."""
+    key, own = tmp_path / "key.pem", tmp_path / "own.pem"
+    words = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
+    words += ["-nodes", "-days", "2", "-subj", "/CN=campaign", "-keyout", key, "-out", own]
+    subprocess.run(words, check=True, capture_output=True)
+    return {f"distributed.comm.tls.{who}.{what}": str(path)
+            for who in ("client", "scheduler", "worker")
+            for what, path in (("key", key), ("cert", own))} | {
+        "distributed.comm.tls.ca-file": str(own)}  # fmt: skip
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes the certificate")
+def test_a_scheduler_on_tls_takes_who_has_a_certificate(certificate, tmp_path):
+    batch = DeadlyFlights(tmp_path)
+    with dask.config.set(certificate):
+        security = Security()
+        how = {"processes": False, "dashboard_address": None, "protocol": "tls://"}
+        with LocalCluster(n_workers=1, security=security, **how) as local:
+            assert local.scheduler_address.startswith("tls://127.0.0.1:")
+            rows = flown(batch, [[0, 1], [2]], scheduler=local.scheduler_address)
+            assert [row["flight"] for row in rows] == [0, 1, 2]
+            with dask.config.set(dict.fromkeys(certificate)), pytest.raises(ParameterError):
+                flown(batch, [[3]], scheduler=local.scheduler_address)
+    assert batch.times(3) == 0

@@ -263,7 +263,7 @@ _REACH_S = 20.0
 @contextlib.contextmanager
 def _connected(scheduler: str) -> Iterator[Any]:
     """A client of a cluster; to tls:// by the certificates that Dask's configuration names."""
-    from distributed import Client
+    from distributed import Client, Security
 
     # What happens to the cluster is said in our own sentences.
     for name in [*logging.root.manager.loggerDict, "asyncio", "tornado"]:
@@ -271,8 +271,13 @@ def _connected(scheduler: str) -> Iterator[Any]:
             logging.getLogger(name).handlers = [logging.NullHandler()]
             logging.getLogger(name).propagate = False
     try:
+        # Without it the client would not end for a minute.
+        if scheduler.startswith("tls:") and not Security().get_connection_args("client").get(
+            "ssl_context"
+        ):
+            raise ValueError("Dask's configuration names no certificates (distributed.comm.tls)")
         client = Client(scheduler, timeout=_REACH_S, set_as_default=False)
-    except (OSError, TypeError, ValueError) as error:
+    except (OSError, ValueError) as error:
         raise ParameterError(
             f"--scheduler {scheduler}: {' '.join(str(error).split())}; allowed: the address of "
             "a scheduler that runs, such as tls://127.0.0.1:8786"
