@@ -285,4 +285,4 @@ def _store(folder: Path, identity: str) -> Store:
             )
     except (OSError, ValueError) as error:
         raise ParameterError(f"--rows: {folder}: {error}") from None
-    return Store(folder)
+    return Store(folder, fixed=(NUMBER,))

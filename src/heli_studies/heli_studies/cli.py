@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from heli_studies.campaign.rare import Flights
+    from heli_studies.campaign.run import Store
+    from heli_studies.campaign.spec import Spec
 
 
 # -------------------------------------------------------------------------------------------------
@@ -408,16 +410,8 @@ def _spec(
     """Fly a spec; rows into a folder as they come; then a sample of them through the graph."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_core.rcl_yaml import ParameterError
-    from heli_flight.fly import tell_if_it_compiles
-    from heli_flight.terminal import console, json_text, long_steps
-    from heli_studies.campaign.run import (
-        Store,
-        campaign_as_dict,
-        print_summary,
-        summary_of,
-    )
-    from heli_studies.campaign.spec import EXIT_CODE, spec_of, write_rerun_files
-    from heli_studies.campaign.workers import flier, tasks
+    from heli_studies.campaign.run import Store
+    from heli_studies.campaign.spec import spec_of
 
     if out is None:
         raise ParameterError("--out: missing; a spec's rows need a folder that does not exist")
@@ -425,7 +419,25 @@ def _spec(
         raise ParameterError("--workers: a scheduler has its own; allowed: one of the two")
     spec = spec_of(path)
     store = Store.resume(out, spec) if resume else Store.begin(out, spec, path)
-    done = store.done() if resume else set()
+    with store.held():
+        return _fly_missing(spec, store, (workers, scheduler), sample, as_json)
+
+
+def _fly_missing(
+    spec: "Spec", store: "Store", who: tuple[int | None, str | None], sample: int, as_json: bool
+) -> int:
+    """Fly what a folder lacks, and tell what it holds then."""
+    from heli_flight.fly import tell_if_it_compiles
+    from heli_flight.terminal import console, json_text, long_steps
+    from heli_studies.campaign.run import campaign_as_dict, print_summary, summary_of
+    from heli_studies.campaign.spec import EXIT_CODE, write_rerun_files
+    from heli_studies.campaign.workers import flier, tasks
+
+    out, (workers, scheduler) = store.folder, who
+    for part in store.damaged():
+        words = f"damaged, its flights fly again: {part}"
+        console(stderr=True).print(words, soft_wrap=True, markup=False)
+    done = store.done()
     todo, cores = tasks(spec, done), len(os.sched_getaffinity(0))
     flown, failed, begun = len(done), 0, time.monotonic()
     if todo:
