@@ -9,6 +9,7 @@ one worker, its resident memory after every few of them.
 
 import argparse
 import json
+import multiprocessing
 import os
 import statistics
 import sys
@@ -24,7 +25,7 @@ import yaml
 
 from heli_studies.campaign.run import Store
 from heli_studies.campaign.spec import CAUSE, FlightEnding, Spec, spec_of
-from heli_studies.campaign.workers import Fly, Processes, flier, tasks
+from heli_studies.campaign.workers import Fly, flier, tasks
 
 SPEC = Path(__file__).resolve().parents[1] / "examples" / "campaign_paper.yaml"
 FLIGHTS, ROUNDS, CHUNK, WORKERS = 200, 3, 5, (1, 2)
@@ -92,13 +93,14 @@ def memory(flights: int, looks: int) -> dict[str, Any]:
         spec, file = _spec(Path(folder), flights=flights, duration_s=SHORT_S, chunk=10)
         todo = tasks(spec, set())
         step = max(1, len(todo) // looks)
-        with Processes(1) as processes:
+        with flier(1) as fly:
             done = 0
             for first in range(0, len(todo), step):
                 some = todo[first : first + step]
-                _flown(processes.fly, spec, file, some, Path(folder, str(first)))
+                _flown(fly, spec, file, some, Path(folder, str(first)))
                 done += sum(map(len, some))
-                (resident,) = map(_resident_mb, processes.ids)
+                (worker,) = multiprocessing.active_children()
+                resident = _resident_mb(worker.pid)
                 found.append({"flights": done, "resident_mb": resident})
                 print(f"{done} flights: {resident:.1f} MB", file=sys.stderr)
     return {"duration_s": SHORT_S, "looks": found}

@@ -126,11 +126,6 @@ class Processes:
         self._end(self._workers)
         self._folder.cleanup()
 
-    @property
-    def ids(self) -> list[int]:
-        """Process ids of those that run."""
-        return [worker.process.pid for worker in self._workers if worker.process.pid is not None]
-
     def fly(self, batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
         """Fly tasks; rows come as they are flown.
 
