@@ -64,7 +64,7 @@ def cluster(started, tmp_path):
     """A scheduler, its address, and workers, as `dask scheduler` and `dask worker` start them."""
     scheduler_file, quiet = tmp_path / "scheduler.json", {"stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
-    head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", ":0"]
+    head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", "127.0.0.1:0"]
     scheduler = started(*head, "--host", "127.0.0.1", "--scheduler-file", scheduler_file, **quiet)
     until(lambda: scheduler_file.exists() and scheduler_file.stat().st_size, scheduler)
     hand = [

@@ -81,7 +81,7 @@ def threads(workers):
     """A cluster in this process, which is quickly there, in the place of processes."""
     from distributed import Client
 
-    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": None}
+    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with Client(n_workers=workers, set_as_default=False, **how) as client:
         yield SimpleNamespace(fly=partial(fly_on, client))
 

@@ -186,7 +186,7 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
         return "ours" if threading.current_thread() is threading.main_thread() else "theirs"
 
     monkeypatch.setattr("heli_studies.campaign.workers.sources_commit", sources)
-    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
+    with LocalCluster(n_workers=1, processes=False, dashboard_address="127.0.0.1:0") as local:
         with pytest.raises(ParameterError, match=r"\btheirs\b.*\bours\b"):
             flown(spec, [[0]], scheduler=local.scheduler_address)
         monkeypatch.setattr("heli_studies.campaign.workers.sources_commit", lambda: "one")
@@ -225,7 +225,7 @@ def test_a_scheduler_on_tls_takes_who_has_a_certificate(certificate, tmp_path):
     batch = DeadlyFlights(tmp_path)
     with dask.config.set(certificate):
         security = Security()
-        how = {"processes": False, "dashboard_address": None, "protocol": "tls://"}
+        how = {"processes": False, "dashboard_address": "127.0.0.1:0", "protocol": "tls://"}
         with LocalCluster(n_workers=1, security=security, **how) as local:
             assert local.scheduler_address.startswith("tls://127.0.0.1:")
             rows = flown(batch, [[0, 1], [2]], scheduler=local.scheduler_address)
