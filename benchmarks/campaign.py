@@ -2,13 +2,14 @@
 """Measure a campaign on one and on two workers, and a worker's memory over many flights.
 
 Run it by `./heli python benchmarks/campaign.py [--quick] [--json]`. Both as `heli campaign` flies
-them, with Dask and rows in Parquet. Speed: hover tests of 60 s on dispersed aircraft, with one
-worker and with two in turn, without the workers' start. Memory: short flights on one worker, its
-resident memory after every few of them.
+them, on processes of this machine, with rows in Parquet. Speed: hover tests of 60 s on dispersed
+aircraft, with one worker and with two in turn, without the workers' start. Memory: short flights on
+one worker, its resident memory after every few of them.
 """
 
 import argparse
 import json
+import multiprocessing
 import os
 import statistics
 import sys
@@ -22,12 +23,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import yaml
 
-from heli_studies.campaign.run import Store, connected, fly_on, tasks
+from heli_studies.campaign.run import Store
 from heli_studies.campaign.spec import CAUSE, FlightEnding, Spec, spec_of
+from heli_studies.campaign.workers import Fly, flier, tasks
 
 SPEC = Path(__file__).resolve().parents[1] / "examples" / "campaign_paper.yaml"
 FLIGHTS, ROUNDS, CHUNK, WORKERS = 200, 3, 5, (1, 2)
 SHORT_FLIGHTS, SHORT_S, LOOKS = 10_000, 1.0, 20
+_WARM_TASKS = 4
 QUICK = {"flights": 4, "rounds": 1, "short_flights": 20, "looks": 2}
 GOALS = {"flights_1000_s": 75.0, "efficiency": 0.9}
 _MB = 1e-6
@@ -40,12 +43,12 @@ def _spec(folder: Path, **changes: Any) -> tuple[Spec, Path]:
     return spec_of(file), file
 
 
-def _flown(client: Any, spec: Spec, file: Path, todo: Sequence[Sequence[int]], to: Path) -> float:
+def _flown(fly: Fly, spec: Spec, file: Path, todo: Sequence[Sequence[int]], to: Path) -> float:
     """Wall time (s) of these flights, the rows' files included."""
     begun = time.perf_counter()
     store = Store.begin(to, spec, file)
     count = 0
-    for rows in fly_on(client, spec, todo):
+    for rows in fly(spec, todo):
         store.put(rows)
         count += len(rows)
         assert all(row[CAUSE] == FlightEnding.FLOWN for row in rows)
@@ -61,10 +64,10 @@ def speed(flights: int, rounds: int) -> dict[str, Any]:
         todo = tasks(spec, set())
         for number in range(rounds):
             for workers in WORKERS:
-                with connected(workers, None) as client:
+                with flier(workers) as fly:
                     # Each worker loads the kernels with its first flight.
-                    client.run(_warm, spec)
-                    wall = _flown(client, spec, file, todo, Path(folder, f"{number}_{workers}"))
+                    list(fly(spec, [[0]] * _WARM_TASKS * workers))
+                    wall = _flown(fly, spec, file, todo, Path(folder, f"{number}_{workers}"))
                 rates[workers].append(flights / wall)
                 print(f"{workers} workers: {flights / wall:.2f} flights/s", file=sys.stderr)
     middle = {workers: statistics.median(found) for workers, found in rates.items()}
@@ -78,14 +81,8 @@ def speed(flights: int, rounds: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _warm(spec: Spec) -> None:
-    from heli_studies.campaign.spec import fly_rows
-
-    fly_rows(spec, [0])
-
-
-def _resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+def _resident_mb(process: int) -> float:
+    pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") * _MB
 
 
@@ -96,13 +93,14 @@ def memory(flights: int, looks: int) -> dict[str, Any]:
         spec, file = _spec(Path(folder), flights=flights, duration_s=SHORT_S, chunk=10)
         todo = tasks(spec, set())
         step = max(1, len(todo) // looks)
-        with connected(1, None) as client:
+        with flier(1) as fly:
             done = 0
             for first in range(0, len(todo), step):
                 some = todo[first : first + step]
-                _flown(client, spec, file, some, Path(folder, str(first)))
+                _flown(fly, spec, file, some, Path(folder, str(first)))
                 done += sum(map(len, some))
-                (resident,) = client.run(_resident_mb).values()
+                (worker,) = multiprocessing.active_children()
+                resident = _resident_mb(worker.pid)
                 found.append({"flights": done, "resident_mb": resident})
                 print(f"{done} flights: {resident:.1f} MB", file=sys.stderr)
     return {"duration_s": SHORT_S, "looks": found}

@@ -30,8 +30,9 @@ from heli_core.errors import FlightError
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.settings import sources_commit
 from heli_flight.terminal import long_steps
-from heli_studies.campaign.run import ROWS, Rows, Store, fly_by_dask, fly_here, tasks
+from heli_studies.campaign.run import ROWS, Store
 from heli_studies.campaign.spec import NUMBER
+from heli_studies.campaign.workers import Rows, flier, tasks
 
 Figures = TypeVar("Figures")
 Point = Mapping[str, Any]
@@ -139,8 +140,9 @@ class Sweep(Generic[Figures]):
             figures = _figures(store.table().to_pylist())
         todo, flown = tasks(batch, set(figures)), len(figures)
         workers = min(options.workers, len(todo))
-        coming = fly_by_dask(batch, todo, workers, None) if workers > 1 else fly_here(batch, todo)
-        with long_steps(f"{batch.name}, flights", batch.count, flown) as progress:
+        steps = long_steps(f"{batch.name}, flights", batch.count, flown)
+        with flier(workers if workers > 1 else 0) as fly, steps as progress:
+            coming = fly(batch, todo)
             for i, point in enumerate(points):
                 numbers = range(i * len(options.seeds), (i + 1) * len(options.seeds))
                 while not figures.keys() >= set(numbers):
@@ -283,4 +285,4 @@ def _store(folder: Path, identity: str) -> Store:
             )
     except (OSError, ValueError) as error:
         raise ParameterError(f"--rows: {folder}: {error}") from None
-    return Store(folder)
+    return Store(folder, fixed=(NUMBER,))

@@ -152,7 +152,8 @@ parameter file, `-p plant:seed:=7` on the command line. They end together: a cra
 the end of all. The recorder, and whoever else listens, has a process of its own.
 
 With `FASTRTPS_DEFAULT_PROFILES_FILE` unset, `hover_test.sh` and `heli` take
-`src/heli_flight/config/fastdds.xml`: participants announce themselves more often, senders ask
+`src/heli_flight/config/fastdds.xml` (`fastdds_this_machine.xml`, which listens on 127.0.0.1 alone,
+unless other machines may speak): participants announce themselves more often, senders ask
 for acknowledgements ten times a second, and no timer starts with each message. `ros2 launch`
 does not; point that variable at the file for the same speed.
 

@@ -33,8 +33,9 @@ from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.common import with_new_names
 from heli_flight.terminal import json_text, long_steps
 from heli_studies.campaign.report import CampaignFolder, read_campaign
-from heli_studies.campaign.run import Store, explained_variance, fly_by_dask, sensitivities, tasks
+from heli_studies.campaign.run import Store, explained_variance, sensitivities
 from heli_studies.campaign.spec import EXIT_CODE, Spec, spec_of
+from heli_studies.campaign.workers import flier, tasks
 
 SPEC = Path(__file__).resolve().parents[2] / "examples" / "campaign_paper.yaml"
 LAWS = "hinf,lqr,pid"
@@ -60,9 +61,9 @@ def flown(changes: dict[str, Any], workers: int, folder: Path) -> CampaignFolder
     store = Store.resume(rows_of, spec) if rows_of.exists() else Store.begin(rows_of, spec, file)
     done = store.done()
     count = outside = 0
-    with long_steps(f"{file.stem}, flights", len(spec.inputs), len(done)) as progress:
-        todo = tasks(spec, done)
-        for rows in fly_by_dask(spec, todo, workers, None) if todo else ():
+    steps = long_steps(f"{file.stem}, flights", len(spec.inputs), len(done))
+    with flier(workers) as fly, steps as progress:
+        for rows in fly(spec, tasks(spec, done)):
             store.put(rows)
             count += len(rows)
             outside += sum(bool(row[EXIT_CODE]) for row in rows)

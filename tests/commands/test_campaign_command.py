@@ -64,7 +64,7 @@ def cluster(started, tmp_path):
     """A scheduler, its address, and workers, as `dask scheduler` and `dask worker` start them."""
     scheduler_file, quiet = tmp_path / "scheduler.json", {"stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
-    head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", ":0"]
+    head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", "127.0.0.1:0"]
     scheduler = started(*head, "--host", "127.0.0.1", "--scheduler-file", scheduler_file, **quiet)
     until(lambda: scheduler_file.exists() and scheduler_file.stat().st_size, scheduler)
     hand = [
@@ -148,7 +148,7 @@ def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
     ],
 )
 def test_what_cannot_be_done_is_one_line(file, tmp_path, capsys, monkeypatch, words, fragment):
-    monkeypatch.setattr("heli_studies.campaign.run._REACH_S", 1.0)
+    monkeypatch.setattr("heli_studies.campaign.workers._REACH_S", 1.0)
     assert cli.main(["campaign", str(file), "--out", str(tmp_path / "out"), *words]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and fragment in lines[0]

@@ -4,6 +4,8 @@
 import json
 import re
 from contextlib import contextmanager
+from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,6 +16,7 @@ from heli_flight.settings import resolve
 from heli_studies.campaign import spec as rows
 from heli_studies.campaign.rare import Ended
 from heli_studies.campaign.run import Store
+from heli_studies.campaign.workers import fly_on
 
 NAME = "altitude (truth)"
 TEXT = """flights: 1
@@ -74,17 +77,17 @@ def without_flying(spec, numbers):
 
 
 @contextmanager
-def threads(workers, scheduler):
-    """A cluster in this process, which is quickly there."""
+def threads(workers):
+    """A cluster in this process, which is quickly there, in the place of processes."""
     from distributed import Client
 
-    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": None}
+    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with Client(n_workers=workers, set_as_default=False, **how) as client:
-        yield client
+        yield SimpleNamespace(fly=partial(fly_on, client))
 
 
 def test_worst_is_the_same_whoever_flies(file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("heli_studies.campaign.rare.connected", threads)
+    monkeypatch.setattr("heli_studies.campaign.workers.Processes", threads)
     monkeypatch.setattr(rows, "fly_rows", without_flying)
     results = []
     for workers in (0, 1):

@@ -16,8 +16,9 @@ from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import tell_if_it_compiles
 from heli_flight.parts import Parts
 from heli_flight.terminal import console, long_steps, silent
-from heli_studies.campaign.run import fly_by_dask, fly_here, parse_seeds, tasks
+from heli_studies.campaign.run import parse_seeds
 from heli_studies.campaign.spec import spec_of
+from heli_studies.campaign.workers import flier, tasks
 
 if TYPE_CHECKING:
     import pyarrow
@@ -164,9 +165,8 @@ def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:
     tell_if_it_compiles(silent() if quiet else console(stderr=True))
     spec, rows = spec_of(path), []
     todo = tasks(spec, set())
-    coming = fly_by_dask(spec, todo, workers, None) if workers else fly_here(spec, todo)
-    with _progress(len(spec.inputs), quiet) as progress:
-        for some in coming:
+    with flier(workers) as fly, _progress(len(spec.inputs), quiet) as progress:
+        for some in fly(spec, todo):
             rows += some
             progress(len(rows), "")
     return Campaign(sorted(rows, key=lambda row: row["flight"]))

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from heli_flight.settings import resolve
 from heli_studies.campaign.report import distribution_charts, margin_chart, read_campaign
 from heli_studies.campaign.run import Store, cases, explained_variance, sensitivities, worst_flights
 from heli_studies.campaign.spec import fly_rows, spec_of
+from support.fuzzing import Target, damaged_bytes, tally
 
 FLIGHTS = 24
 TEXT = f"""flights: {FLIGHTS}
@@ -210,6 +212,40 @@ def test_what_is_no_campaign_is_one_line(flown, tmp_path, capsys):
     assert cli.main(["campaign", "report", str(flown.folder), "--out", str(file)]) == 2
     (*_, line) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"heli: {file}: ") and line.endswith(os.strerror(errno.EEXIST))
+
+
+def test_a_damaged_folder_is_read_or_refused_in_a_sentence(flown, tmp_path):
+    """Bytes of rows, description and spec changed at random, always the same ones."""
+
+    def attempt(numbers, folder):
+        damaged = folder / "damaged"
+        shutil.rmtree(damaged, ignore_errors=True)
+        shutil.copytree(flown.folder, damaged)
+        files = [damaged / "campaign.json", damaged / "spec.yaml", *damaged.glob("rows/*")]
+        for path in numbers.sample(files, numbers.randint(1, 2)):
+            path.write_bytes(damaged_bytes(numbers, path.read_bytes()))
+        try:
+            campaign = read_campaign(damaged)
+            assert campaign.missing >= 0 and campaign.figures and campaign.inputs
+        except ParameterError as error:
+            return str(error)
+        return ""
+
+    counts = tally(Target("campaign folder", attempt), range(80), tmp_path)
+    assert not counts.failed, counts.failures
+    assert counts.taken > 8 and counts.refused > 8
+
+
+def test_a_fifo_in_the_place_of_the_spec_holds_nobody_up(flown, tmp_path):
+    folder = tmp_path / "out"
+    shutil.copytree(flown.folder, folder)
+    about = json.loads((folder / "campaign.json").read_text())
+    for path in (folder / "spec.yaml", folder / "elsewhere.yaml"):
+        path.unlink(missing_ok=True)
+        os.mkfifo(path)
+    about["file"] = str(folder / "elsewhere.yaml")
+    (folder / "campaign.json").write_text(json.dumps(about))
+    assert read_campaign(folder).again == {}
 
 
 def test_a_spec_that_reads_is_asked_only_for_files(flown, monkeypatch):

@@ -5,16 +5,15 @@ import errno
 import json
 import os
 import re
-import subprocess
-import sys
-import threading
-from types import SimpleNamespace
+from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from distributed import KilledWorker, LocalCluster
 
+from heli_core.errors import ParameterCause
 from heli_core.rcl_yaml import ParameterError
+from heli_flight.cli import app as cli
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
 from heli_studies.campaign import run
@@ -23,14 +22,14 @@ from heli_studies.campaign.run import (
     ABOUT_NAME,
     ROWS,
     SPEC_NAME,
+    FolderInUseError,
     Store,
-    fly_by_dask,
-    fly_here,
+    about_of,
     fly_seeds,
     summary_of,
-    tasks,
 )
 from heli_studies.campaign.spec import FlightEnding, fly_rows, spec_of, write_rerun_files
+from heli_studies.campaign.workers import fly_here, tasks
 from support.record_bag import rows_of
 
 TEXT = """flights: 7
@@ -177,6 +176,120 @@ def test_a_folder_of_another_campaign_is_refused(spec, file, tmp_path):
         Store.resume(tmp_path / "out", spec)
 
 
+def test_two_campaigns_do_not_fly_into_one_folder(spec, file, tmp_path, capsys):
+    store = Store.begin(tmp_path / "out", spec, file)
+    words = ["campaign", str(file), "--out", str(store.folder), "--resume", "--workers", "0"]
+    with store.held():
+        with pytest.raises(FolderInUseError), Store.resume(store.folder, spec).held():
+            pytest.fail("two hold it")
+        before = sorted(store.folder.rglob("*"))
+        assert cli.main(words) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+        assert sorted(store.folder.rglob("*")) == before
+    assert cli.main(words) in (0, 1)
+    assert store.table().num_rows == 7
+
+
+@pytest.mark.parametrize("kind", ["fifo", "link", "folder"])
+def test_what_is_no_file_in_the_place_of_the_lock_is_refused(spec, file, tmp_path, kind):
+    store = Store.begin(tmp_path / "out", spec, file)
+    lock, elsewhere = store.folder / "lock", tmp_path / "elsewhere"
+    {"fifo": os.mkfifo, "link": lambda p: p.symlink_to(elsewhere), "folder": Path.mkdir}[kind](lock)
+    with pytest.raises(ParameterError) as refused, store.held():
+        pytest.fail("held")
+    assert refused.value.cause == ParameterCause.UNREADABLE and not elsewhere.exists()
+
+
+def changed(part, change):
+    """A file's rows with a column changed."""
+    table = pq.read_table(part)
+    rows = table.to_pylist()
+    pq.write_table(pa.Table.from_pylist(change(rows)), part)
+
+
+def columns(**values):
+    return lambda rows: [row | values for row in rows]
+
+
+DAMAGE = {
+    "cut off": lambda part: part.write_bytes(part.read_bytes()[:-9]),
+    "no parquet": lambda part: part.write_bytes(b"PAR1 and no more"),
+    "a folder": lambda part: (part.unlink(), part.mkdir()),
+    "a fifo": lambda part: (part.unlink(), os.mkfifo(part)),
+    "a link": lambda part: (part.rename(part.with_name("x")), part.symlink_to("x")),
+    "no number": lambda part: changed(part, lambda rows: [{"cause": "flown"}]),
+    "words for a number": lambda part: changed(part, columns(flight="3")),
+    "no number in one": lambda part: changed(part, lambda rows: [rows[0] | {"flight": None}]),
+    "beyond all": lambda part: changed(part, columns(flight=7)),
+    "below all": lambda part: changed(part, columns(flight=-1)),
+    "of another file": lambda part: changed(part, columns(flight=1)),
+    "one twice": lambda part: changed(part, lambda rows: rows[:1] * 2),
+    "an unknown cause": lambda part: changed(part, columns(cause="\x1b[2J")),
+    "a code in words": lambda part: changed(part, columns(exit_code="no")),
+    "words for a figure": lambda part: changed(part, columns(**{"max.v_x (truth)": "x"})),
+    "words for an input": lambda part: changed(part, columns(**{"in.plant.scale.mass": "x"})),
+    "no input": lambda part: changed(part, columns(**{"in.plant.scale.mass": None})),
+    "another input": lambda part: changed(part, columns(**{"in.plant.scale.inertia": 1.0})),
+    "a list": lambda part: changed(part, columns(**{"in.plant.scale.mass": [1.0]})),
+}
+
+
+@pytest.fixture(scope="module")
+def all_rows(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rows") / "spec.yaml"
+    path.write_text(TEXT)
+    return fly_rows(spec_of(path), range(7))
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_a_damaged_file_of_rows_is_named_and_flown_again(spec, file, all_rows, tmp_path, kind):
+    store = Store.begin(tmp_path / "out", spec, file)
+    for first in (0, 3, 6):
+        store.put(all_rows[first : first + 3])
+    whole, part = store.table(), store.folder / ROWS / "part-00000003.parquet"
+    DAMAGE[kind](part)
+    again = Store.resume(store.folder, spec)
+    assert again.damaged() == [part]
+    assert again.table()["flight"].to_pylist() == [0, 1, 2, 6]
+    assert tasks(spec, again.done()) == [[3, 4, 5]]
+    if kind == "a folder":
+        with pytest.raises(ParameterError):
+            again.put(all_rows[3:6])
+        return
+    assert again.damaged() == []
+    again.put(all_rows[3:6])
+    assert again.table().equals(whole)
+
+
+def test_a_damaged_description_is_named(spec, file, tmp_path):
+    """Key by key, and what is no JSON or no file; nothing is read for ever."""
+    store = Store.begin(tmp_path / "out", spec, file)
+    path = store.folder / ABOUT_NAME
+    about = json.loads(path.read_text())
+    broken = [{k: v for k, v in about.items() if k != key} for key in about]
+    broken += [about | {key: 1.5} for key in about] + [about | {"flights": -3}]
+    broken += [about | {"flown": {**about["flown"], key: [1]}} for key in about["flown"]]
+    broken += [about | {"flown": {**about["flown"], key: "x"}} for key in ("kind", "gps")]
+    broken += [about | {"disperse": {"plant.scale.mass": 1}}, [about], None]
+    for content in broken:
+        path.write_text(json.dumps(content))
+        with pytest.raises(ParameterError) as refused:
+            about_of(store.folder)
+        assert refused.value.cause == ParameterCause.TYPE, content
+    for raw in (b"", b"{", b"\xff", b"[" * 100_000, b"{}" * 10):
+        path.write_bytes(raw)
+        with pytest.raises(ParameterError) as refused:
+            about_of(store.folder)
+        assert refused.value.cause == ParameterCause.SYNTAX
+    for make in (os.mkfifo, Path.mkdir, lambda path: path.symlink_to("/dev/zero")):
+        path.unlink() if path.exists() and not path.is_dir() else None
+        path.rmdir() if path.is_dir() else None
+        make(path)
+        with pytest.raises(ParameterError) as refused:
+            about_of(store.folder)
+        assert refused.value.cause == ParameterCause.UNREADABLE
+
+
 def test_a_full_disk_leaves_what_was_kept(spec, file, tmp_path, monkeypatch):
     store = Store.begin(tmp_path / "out", spec, file)
     (flown,) = fly_here(spec, [[0]])
@@ -232,59 +345,6 @@ def test_parameters_that_are_refused_leave_no_folder(spec, tmp_path, monkeypatch
     monkeypatch.setattr("heli_studies.campaign.spec.settings_of", refuse)
     assert write_rerun_files(spec, [0], tmp_path / "worst") == []
     assert list((tmp_path / "worst").iterdir()) == []
-
-
-def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_path, monkeypatch):
-    """In this process: a scheduler and a worker in threads of it."""
-
-    def sources():
-        return "ours" if threading.current_thread() is threading.main_thread() else "theirs"
-
-    monkeypatch.setattr("heli_studies.campaign.run.sources_commit", sources)
-    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
-        with pytest.raises(ParameterError, match=r"\btheirs\b.*\bours\b"):
-            list(fly_by_dask(spec, [[0]], 0, local.scheduler_address))
-        monkeypatch.setattr("heli_studies.campaign.run.sources_commit", lambda: "one")
-        died = tmp_path / "died"
-
-        def fly(_, numbers):
-            if 1 in numbers:
-                with died.open("a") as file:
-                    print(numbers, file=file)
-                raise KilledWorker("task", SimpleNamespace(address="here"), 3)
-            return "one", [{"flight": number} for number in numbers]
-
-        monkeypatch.setattr("heli_studies.campaign.run._fly", fly)
-        parts = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
-    rows = sorted((row for part in parts for row in part), key=lambda row: row["flight"])
-    assert [row["flight"] for row in rows] == [0, 1, 2, 3]
-    assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
-    assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1
-    assert rows[1]["in.plant.scale.mass"] == spec.inputs[1][0]
-
-
-LISTENING = """
-import psutil
-from heli_studies.campaign.run import connected
-
-if __name__ == "__main__":
-    with connected(1, None):
-        ours = psutil.Process()
-        for process in (ours, *ours.children(recursive=True)):
-            for socket in process.net_connections(kind="inet"):
-                if socket.status == psutil.CONN_LISTEN:
-                    print(socket.laddr.ip)
-"""
-
-
-def test_a_campaign_listens_on_this_machine_alone(tmp_path):
-    """Dashboards, too: by default they listen on every address of the machine."""
-    script = tmp_path / "listening.py"
-    script.write_text(LISTENING)
-    done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert set(done.stdout.split()) == {"127.0.0.1"}
 
 
 def test_rows_can_be_read_by_anybody(spec, file, tmp_path):

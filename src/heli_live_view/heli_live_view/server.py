@@ -34,6 +34,11 @@ _MAX_REQUEST_BYTES = 4096
 _MAX_WAITING = 256
 _MAX_COMMANDS = 8
 _HEARTBEAT_S = 10.0
+# Whoever holds more than a browser needs shall not take the flight's descriptors and memory.
+_MAX_CONNECTIONS = 64
+_REQUEST_LIMIT_S = 10.0
+"""How long a connection may be without a whole request."""
+_ACCEPT_AGAIN_S = 0.1
 _STOP_S = 1.0
 _FRAME_S = 1.0 / 30.0
 _POLICY = (
@@ -218,10 +223,14 @@ class PageServer:
         app = web.Application(middlewares=[self._guard])
         app.router.add_get("/ws", self._on_socket)
         app.router.add_get("/{path:.*}", self._on_file)
-        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_STOP_S)
+        runner = web.AppRunner(
+            app, access_log=None, handle_signals=False, shutdown_timeout=_STOP_S,
+            keepalive_timeout=_REQUEST_LIMIT_S,
+        )  # fmt: skip
         await runner.setup()
-        await web.SockSite(runner, self._socket).start()
+        accepting = asyncio.ensure_future(self._accept(runner.server))
         await self._stopping.wait()
+        accepting.cancel()
         # Callbacks that were handed over before the stop have run; let the last texts go out.
         for browser in list(self._browsers):
             browser.news.set()
@@ -232,6 +241,21 @@ class PageServer:
             # One that reads nothing does not say good-bye either.
             await asyncio.wait(closing, timeout=_STOP_S)
         await runner.cleanup()
+
+    async def _accept(self, server: Any) -> None:
+        """Hand connections to the server (aiohttp's), which has no bound of its own for them."""
+        while True:
+            try:
+                connection, _ = await self._loop.sock_accept(self._socket)
+            except OSError as error:
+                _LOG.debug("a connection was not taken: %s", error)
+                await asyncio.sleep(_ACCEPT_AGAIN_S)
+                continue
+            if len(server.connections) >= _MAX_CONNECTIONS:
+                connection.close()
+                continue
+            with contextlib.suppress(OSError):
+                await self._loop.connect_accepted_socket(server, connection)
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:

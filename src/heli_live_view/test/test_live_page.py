@@ -2,6 +2,7 @@
 """The page's server alone: who owns the token, who is slow, what is refused. No ROS."""
 
 import asyncio
+import contextlib
 import json
 import re
 import socket
@@ -145,6 +146,50 @@ def test_a_browser_that_reads_nothing_holds_up_nobody(serve):
     assert not asyncio.all_tasks(server._loop), "left to the garbage collector"
     deaf.close()
     server.send_state("{}")  # nobody is there any more: nothing happens
+
+
+def half_a_request(server):
+    place = urlsplit(server.url)
+    connection = socket.create_connection((place.hostname, place.port), timeout=280.0)
+    connection.sendall(b"GET / HTTP/1.1\r\nHo")
+    return connection
+
+
+def test_half_a_request_is_given_up(serve, monkeypatch):
+    """Who watches is none: a WebSocket stays."""
+    monkeypatch.setattr("heli_live_view.server._REQUEST_LIMIT_S", 0.2)
+    server, _ = serve()
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            with half_a_request(server) as half:
+                assert await asyncio.to_thread(half.recv, 1) == b"", "closed"
+            assert (await answer(connection, COMMAND))["ok"]
+
+    asyncio.run(use())
+
+
+def test_connections_are_bounded_and_free_again(serve, monkeypatch):
+    monkeypatch.setattr("heli_live_view.server._MAX_CONNECTIONS", 4)
+    server, _ = serve()
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            await connection.receive(120.0)
+            halves = [half_a_request(server) for _ in range(3)]
+            with half_a_request(server) as beyond, contextlib.suppress(ConnectionResetError):
+                assert await asyncio.to_thread(beyond.recv, 1) == b"", "refused at once"
+            assert (await answer(connection, COMMAND))["ok"], "who is there stays"
+            halves[0].close()
+            while True:  # until the server has noticed
+                with contextlib.suppress(aiohttp.ClientConnectionError):
+                    async with session.get(server.url) as page:
+                        assert page.status == 200
+                        break
+            for half in halves:
+                half.close()
+
+    asyncio.run(use())
 
 
 def test_a_port_in_use_is_named(serve, tmp_path):

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from heli_studies.campaign.rare import Flights
+    from heli_studies.campaign.run import Store
+    from heli_studies.campaign.spec import Spec
 
 
 # -------------------------------------------------------------------------------------------------
@@ -355,7 +357,11 @@ def campaign(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="of a spec: a Dask scheduler, tcp://host:8786"),
+        typer.Option(
+            metavar="ADDRESS",
+            help="of a spec: a Dask scheduler, tls://host:8786 with Dask's own settings of "
+            "certificates; on tcp:// whoever reaches it can run code",
+        ),
     ] = None,
     via: Annotated[
         str | None,
@@ -404,18 +410,8 @@ def _spec(
     """Fly a spec; rows into a folder as they come; then a sample of them through the graph."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_core.rcl_yaml import ParameterError
-    from heli_flight.fly import tell_if_it_compiles
-    from heli_flight.terminal import console, json_text, long_steps
-    from heli_studies.campaign.run import (
-        Store,
-        campaign_as_dict,
-        fly_by_dask,
-        fly_here,
-        print_summary,
-        summary_of,
-        tasks,
-    )
-    from heli_studies.campaign.spec import EXIT_CODE, spec_of, write_rerun_files
+    from heli_studies.campaign.run import Store
+    from heli_studies.campaign.spec import spec_of
 
     if out is None:
         raise ParameterError("--out: missing; a spec's rows need a folder that does not exist")
@@ -423,18 +419,34 @@ def _spec(
         raise ParameterError("--workers: a scheduler has its own; allowed: one of the two")
     spec = spec_of(path)
     store = Store.resume(out, spec) if resume else Store.begin(out, spec, path)
-    done = store.done() if resume else set()
+    with store.held():
+        return _fly_missing(spec, store, (workers, scheduler), sample, as_json)
+
+
+def _fly_missing(
+    spec: "Spec", store: "Store", who: tuple[int | None, str | None], sample: int, as_json: bool
+) -> int:
+    """Fly what a folder lacks, and tell what it holds then."""
+    from heli_flight.fly import tell_if_it_compiles
+    from heli_flight.terminal import console, json_text, long_steps
+    from heli_studies.campaign.run import campaign_as_dict, print_summary, summary_of
+    from heli_studies.campaign.spec import EXIT_CODE, write_rerun_files
+    from heli_studies.campaign.workers import flier, tasks
+
+    out, (workers, scheduler) = store.folder, who
+    for part in store.damaged():
+        words = f"damaged, its flights fly again: {part}"
+        console(stderr=True).print(words, soft_wrap=True, markup=False)
+    done = store.done()
     todo, cores = tasks(spec, done), len(os.sched_getaffinity(0))
     flown, failed, begun = len(done), 0, time.monotonic()
     if todo:
         many = min(cores if workers is None else workers, len(todo))
-        here = scheduler is None and many == 0
-        coming = fly_here(spec, todo) if here else fly_by_dask(spec, todo, many, scheduler)
         flights = long_steps("flights", len(spec.inputs), flown)
         if scheduler is None:
             tell_if_it_compiles(console(stderr=True))
-        with store.kept_if_flown(), flights as progress:
-            for rows in coming:
+        with store.kept_if_flown(), flier(many, scheduler) as fly, flights as progress:
+            for rows in fly(spec, todo):
                 store.put(rows)
                 flown += len(rows)
                 failed += sum(bool(row[EXIT_CODE]) for row in rows)
@@ -496,7 +508,12 @@ _Workers = Annotated[
     ),
 ]
 _Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="a Dask scheduler, tcp://host:8786")
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="a Dask scheduler, tls://host:8786 with Dask's own settings of certificates; on "
+        "tcp:// whoever reaches it can run code",
+    ),
 ]
 
 
@@ -649,8 +666,9 @@ def _searched(
     """Run a search, tell and keep what it has found; what stands, if it is broken off."""
     from heli_core.errors import FlightError
     from heli_flight.terminal import console, json_text, long_steps
-    from heli_studies.campaign.rare import flier, print_folder
+    from heli_studies.campaign.rare import print_folder
     from heli_studies.campaign.spec import write_rerun_files
+    from heli_studies.campaign.workers import flier
 
     def finish(broken: bool) -> None:
         result = content()
@@ -663,8 +681,10 @@ def _searched(
         show(console(stderr=broken))
         print_folder(console(stderr=broken), out, again)
 
+    workers, scheduler = who
+    many = len(os.sched_getaffinity(0)) if workers is None else workers
     try:
-        with flier(*who) as fly, long_steps("flights", most) as progress:
+        with flier(many, scheduler, resumes=False) as fly, long_steps("flights", most) as progress:
             flights.fly, flights.report_count = fly, lambda flown: progress(flown, remark())
             run()
     except (KeyboardInterrupt, FlightError):

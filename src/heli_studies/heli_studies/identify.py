@@ -183,7 +183,7 @@ class BagDataError(ValueError):
         self.coverage = coverage
 
 
-def evaluated(time_s: NDArray[np.float64], a_priori: Given) -> Coverage:
+def evaluated(time_s: NDArray[np.float64], a_priori: IdentificationInputs) -> Coverage:
     """What of the evaluated periods is recorded at times (N,), s: a fit needs every sample."""
     return coverage_of(time_s, [(a_priori.start_s, a_priori.end_s)], few=0)
 

@@ -186,11 +186,19 @@ def _keep_log() -> None:
 
 
 def prepare_environment() -> None:
-    """Stay on this machine and announce participants often, unless the user chose otherwise."""
+    """Stay on this machine and announce participants often, unless the user chose otherwise.
+
+    In the range LOCALHOST ROS announces itself to this machine alone, and listens on every address
+    all the same; the profile has it listen on this machine, too.
+    """
     _keep_log()
     os.environ.setdefault(DISCOVERY, "LOCALHOST")
     if not any(name in os.environ for name in PROFILES):
-        profiles = str(config_folder("heli_flight") / "fastdds.xml")
+        alone = os.environ[DISCOVERY].strip() == "LOCALHOST"
+        # Peers that the user names may be on other machines.
+        alone = alone and not os.environ.get("ROS_STATIC_PEERS", "").strip()
+        name = "fastdds_this_machine.xml" if alone else "fastdds.xml"
+        profiles = str(config_folder("heli_flight") / name)
         os.environ.update(dict.fromkeys(PROFILES, profiles))
 
 

@@ -13,12 +13,10 @@ chains from one ancestor have in common, and is told beside it.
 import difflib
 import hashlib
 import math
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +26,12 @@ from rich.console import Console
 from scipy import stats
 from scipy.stats import qmc
 
-from heli_core.errors import FlightError
 from heli_core.metrics import METRICS, POSITIONS, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import seconds
 from heli_flight.scoring import TRUTH_LESS_DRIFT, sources_of
 from heli_flight.settings import Settings
 from heli_flight.terminal import table
-from heli_studies.campaign.run import Rows, connected, fly_here, fly_on, tasks
 from heli_studies.campaign.spec import (
     CAUSE,
     EACH,
@@ -47,6 +43,7 @@ from heli_studies.campaign.spec import (
     check_ends,
     correlated,
 )
+from heli_studies.campaign.workers import Fly, Rows, fly_here, tasks
 
 # -------------------------------------------------------------------------------------------------
 # Subset.
@@ -390,7 +387,6 @@ def check_reach(spec: Spec, reach: float = REACH) -> None:
 # A metric of a flight as a function of the dispersions' normal scores; every row is kept.
 # -------------------------------------------------------------------------------------------------
 
-Fly = Callable[[Spec, Sequence[Sequence[int]]], Iterator[Rows]]
 _TASKS = 8
 
 
@@ -502,32 +498,6 @@ class Flights:
         if not self.scores:
             return Points.of(self.spec), np.zeros(0)
         return Points.of(self.spec, np.concatenate(self.scores)), np.concatenate(self.values)
-
-
-@contextmanager
-def flier(workers: int | None, scheduler: str | None) -> Iterator[Fly]:
-    """Who flies: this process (0 workers), processes of this machine, or another cluster.
-
-    The cluster stays for all calls.
-
-    Raises
-    ------
-    ParameterError
-        The scheduler cannot be reached.
-    """
-    many = len(os.sched_getaffinity(0)) if workers is None else workers
-    if scheduler is None and many == 0:
-        yield fly_here
-        return
-    with connected(many, scheduler) as client:
-        yield partial(_fly_on, client)
-
-
-def _fly_on(client: Any, spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    try:
-        yield from fly_on(client, spec, todo)
-    except FlightError:
-        raise FlightError("the scheduler is gone; what was flown stays") from None
 
 
 # -------------------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from heli_flight.report.page import PageHeader, filled
 from heli_flight.report.tables import ReportTable
 from heli_flight.scoring import SOURCE_NAMES, SOURCES, figures_of
 from heli_studies.campaign.run import (
+    ROWS,
     SPEC_NAME,
     Sensitivity,
     Store,
@@ -264,6 +265,8 @@ class CampaignFolder:
         Number of a worst case to the file that flies it again.
     why_not : str
         Why there are none of these; empty if there are.
+    damaged : sequence of Path
+        Files whose rows cannot be used: their flights are missing.
     """
 
     folder: Path
@@ -273,6 +276,7 @@ class CampaignFolder:
     cases: Sequence[WorstFlight]
     again: Mapping[int, Path]
     why_not: str
+    damaged: Sequence[Path] = ()
 
     @property
     def inputs(self) -> dict[str, list[object]]:
@@ -303,7 +307,9 @@ def read_campaign(folder: Path) -> CampaignFolder:
     ParameterError
         It holds no campaign, or none of its flights has ended.
     """
-    about, table = about_of(folder), Store(folder).table()
+    about = about_of(folder)
+    store = Store(folder, flights=about["flights"])
+    table, damaged = store.table(), store.damaged()
     if not table.num_rows:
         raise ParameterError(f"{folder}: no flight has ended yet; --resume flies them")
     judged_flights = cases(table, about["flown"]["gps"])
@@ -317,6 +323,7 @@ def read_campaign(folder: Path) -> CampaignFolder:
         judged_flights,
         again,
         why_not,
+        damaged,
     )
 
 
@@ -339,8 +346,9 @@ def _spec(folder: Path, about: Mapping[str, Any]) -> Spec | None:
     """The spec that was flown: the user's file, or the copy; None if both are others by now."""
     for file in (Path(about["file"]), folder / SPEC_NAME):
         try:
-            spec = spec_of(file)
-            if spec.identity == about["spec"]:
+            # What is no file, such as a FIFO, would hold this up.
+            spec = spec_of(file) if file.is_file() else None
+            if spec is not None and spec.identity == about["spec"]:
                 return spec
         except (ParameterError, OSError):
             continue
@@ -577,6 +585,11 @@ def _verdicts(campaign: CampaignFolder) -> list[tuple[str, str, str]]:
     if campaign.missing:
         words = f"{campaign.missing} of {campaign.about['flights']} flights have no row yet."
         verdict_rows.append(("–", "", f"{words} `heli campaign ... --resume` flies them."))
+    if campaign.damaged:
+        names = ", ".join(f"{ROWS}/{part.name}" for part in campaign.damaged[:SHOWN])
+        words = f"Damaged, not counted: {names}"
+        more = len(campaign.damaged) - SHOWN
+        verdict_rows.append(("✗", "bad", words + (f" and {more} more." if more > 0 else ".")))
     return verdict_rows
 
 
@@ -611,6 +624,7 @@ def as_dict(campaign: CampaignFolder, page: Path) -> dict[str, Any]:
         "figures": sorted(str(path) for path in (page.parent / FIGURES).iterdir()),
         "flights": campaign.summary.flights,
         "missing": campaign.missing,
+        "damaged": list(map(str, campaign.damaged)),
         "failed": campaign.summary.failed,
         "interval": list(campaign.summary.interval),
         "worst": {str(number): str(path) for number, path in campaign.again.items()},

@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A campaign's folder: its spec, who flies it, and its rows as Parquet, a file per task.
+"""A campaign's folder: its spec, and its rows as Parquet, a file per task.
 
 A file appears whole or not at all, so that a killed campaign goes on where it was.
 """
 
 import contextlib
+import fcntl
 import heapq
 import json
-import logging
 import math
 import os
 import shutil
+import stat
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,11 +26,10 @@ from rich.console import Console
 from scipy import stats
 from scipy.special import betaincinv
 
-from heli_core.errors import FlightError
+from heli_core.errors import ParameterCause
 from heli_core.metrics import BY_KEY, METRICS, PATH
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
-from heli_flight import interrupts
 from heli_flight.fly import FlightOrder, fly_and_write
 from heli_flight.loop import LoopFlight, simulate
 from heli_flight.result import Result, conditions
@@ -46,7 +45,7 @@ from heli_flight.scoring import (
     score,
     sources_of,
 )
-from heli_flight.settings import LOCKSTEP, Settings, sources_commit
+from heli_flight.settings import GPS_PRESETS, LOCKSTEP, Settings, sources_commit
 from heli_flight.terminal import FittingTable, steps, table
 from heli_flight.terminal import table as text_table
 from heli_studies.campaign.spec import (
@@ -54,6 +53,8 @@ from heli_studies.campaign.spec import (
     COVERAGE,
     EXIT_CODE,
     FIGURE,
+    FIXED,
+    INPUT,
     NUMBER,
     SEARCH,
     SEED,
@@ -63,36 +64,88 @@ from heli_studies.campaign.spec import (
     Spec,
     write_rerun_files,
 )
+from heli_studies.campaign.workers import Rows
 
 # -------------------------------------------------------------------------------------------------
 # Store.
 # -------------------------------------------------------------------------------------------------
 
-SPEC_NAME, ABOUT_NAME, ROWS = "spec.yaml", "campaign.json", "rows"
+SPEC_NAME, ABOUT_NAME, ROWS, _LOCK = "spec.yaml", "campaign.json", "rows", "lock"
 _PART = "part-{:08d}.parquet"
 _TOLD = {"spec": str, "commit": str, "flights": int, "file": str, "flown": dict, "disperse": dict}
+_FLOWN = {
+    "kind": str, "scenario": str, "world": str, "gps": str, "laws": str, "sampling": str,
+    "duration_s": float,
+}  # fmt: skip
+_MOST_CHARACTERS = 1_000_000
+_INPUT_KINDS = (
+    pa.types.is_integer, pa.types.is_floating, pa.types.is_string, pa.types.is_boolean,
+)  # fmt: skip
+_IS_KIND = {
+    NUMBER: pa.types.is_integer, SEED: pa.types.is_integer, EXIT_CODE: pa.types.is_integer,
+    CAUSE: pa.types.is_string, SENTENCE: pa.types.is_string,
+}  # fmt: skip
+
+
+class FolderInUseError(ParameterError):
+    """Another campaign flies into the folder."""
 
 
 def about_of(folder: Path, option: str = "") -> dict[str, Any]:
-    """What a campaign's folder says of itself; raises ParameterError if it holds none.
+    """What a campaign's folder says of itself.
 
     Keys: `spec` (its identity), `commit`, `flights`, `file` (the spec's), `flown` (what all flights
     share, by name), `disperse` (each parameter's distribution, in words).
+
+    Raises
+    ------
+    ParameterError
+        It holds no campaign (cause UNREADABLE), a damaged one (SYNTAX, TYPE), or a search.
     """
     try:
-        about = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ParameterError(f"{option}{folder}: holds no campaign: {error}") from None
-    if not isinstance(about, dict) or any(
-        not isinstance(about.get(key), kind) for key, kind in _TOLD.items()
-    ):
-        raise ParameterError(f"{option}{folder}: holds no campaign: {ABOUT_NAME} is of another")
-    if about["flown"].get("sampling") == SEARCH:
+        about = json.loads(_text(folder / ABOUT_NAME))
+    except OSError as error:
+        raise ParameterError(
+            f"{option}{folder}: holds no campaign: {error}", ParameterCause.UNREADABLE
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise ParameterError(
+            f"{option}{folder}: holds no campaign: {ABOUT_NAME} is damaged: {error}",
+            ParameterCause.SYNTAX,
+        ) from None
+    wrong = _wrong(about, _TOLD) or _wrong(about["flown"], _FLOWN)
+    if not wrong and about["flown"]["sampling"] != SEARCH:
+        flown = about["flown"]
+        known = flown["kind"] in METRICS and flown["gps"] in GPS_PRESETS and about["flights"] > 0
+        known = known and all(isinstance(how, str) for how in about["disperse"].values())
+        wrong = "" if known else "values"
+    if wrong:
+        raise ParameterError(
+            f"{option}{folder}: holds no campaign: {ABOUT_NAME} is damaged, or of another "
+            f"version: {wrong}",
+            ParameterCause.TYPE,
+        )
+    if about["flown"]["sampling"] == SEARCH:
         raise ParameterError(
             f"{option}{folder}: holds the flights of a search, which are no sample; its result is "
             f"in {folder}/result.json"
         )
     return about
+
+
+def _text(path: Path) -> str:
+    """A file's beginning; a FIFO that nobody writes to holds nobody up."""
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), encoding="utf-8") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(f"{path}: is no file")
+        return file.read(_MOST_CHARACTERS)
+
+
+def _wrong(content: Any, told: Mapping[str, type]) -> str:
+    """The first key that is missing or of another kind; empty if there is none."""
+    if not isinstance(content, dict):
+        return "no keys"
+    return next((key for key, kind in told.items() if not isinstance(content.get(key), kind)), "")
 
 
 def _about(spec: Spec, file: Path) -> dict[str, Any]:
@@ -118,23 +171,31 @@ class Store:
     folder : Path
     resumes : bool
         Whether `--resume` goes on with it.
+    flights : int or None
+        Of the whole campaign; None: it is not known.
+    fixed : tuple of str
+        Columns that each row fills.
     """
 
     folder: Path
     resumes: bool = True
+    flights: int | None = None
+    fixed: tuple[str, ...] = FIXED
 
     @classmethod
     def begin(cls, folder: Path, spec: Spec, file: Path, resumes: bool = True) -> "Store":
         """A new folder; raises ParameterError if there is one, or none can be made."""
-        if folder.exists():
-            way = "--resume goes on with it" if resumes else "name a new folder"
-            raise ParameterError(f"--out {folder}: exists already; {way}")
         store = cls(folder, resumes)
         try:
-            (folder / ROWS).mkdir(parents=True)
+            # Of two campaigns that begin at once, one makes it.
+            folder.mkdir(parents=True)
+            (folder / ROWS).mkdir()
             shutil.copyfile(file, folder / SPEC_NAME)
             about = _about(spec, file)
             store._write(folder / ABOUT_NAME, json.dumps(about, indent=2).encode())
+        except FileExistsError:
+            way = "--resume goes on with it" if resumes else "name a new folder"
+            raise ParameterError(f"--out {folder}: exists already; {way}") from None
         except OSError as error:
             raise ParameterError(f"--out {folder}: {error.strerror or error}") from None
         return store
@@ -153,7 +214,39 @@ class Store:
                 f"--out {folder}: begun with the sources of {about.get('commit')}, these are "
                 f"{sources_commit()}; allowed: the same, or another folder"
             )
-        return cls(folder)
+        return cls(folder, flights=spec.count)
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other campaigns out of the folder; ends with this process at the latest.
+
+        Raises
+        ------
+        FolderInUseError
+            Another campaign flies into it.
+        ParameterError
+            It cannot be held.
+        """
+        path = self.folder / _LOCK
+        try:
+            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+        except OSError as error:
+            raise ParameterError(f"{path}: {error.strerror}", ParameterCause.UNREADABLE) from None
+        with open(lock, "rb"):
+            try:
+                if not stat.S_ISREG(os.fstat(lock).st_mode):
+                    raise ParameterError(f"{path}: is no file", ParameterCause.UNREADABLE)
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise FolderInUseError(
+                    f"{self.folder}: another campaign flies into it; allowed: another folder, or "
+                    "--resume when that one has ended"
+                ) from None
+            except OSError as error:
+                raise ParameterError(
+                    f"{path}: {error.strerror}", ParameterCause.UNREADABLE
+                ) from None
+            yield
 
     @contextlib.contextmanager
     def kept_if_flown(self) -> Iterator[None]:
@@ -166,16 +259,19 @@ class Store:
             raise
 
     def done(self) -> set[int]:
-        """Numbers of the flights whose rows are here; a file that cannot be read is taken away."""
-        numbers: set[int] = set()
-        for part in self._parts():
-            try:
-                numbers |= set(pq.read_table(part, columns=[NUMBER])[NUMBER].to_pylist())
-            except (pa.ArrowException, OSError):
+        """Numbers of the flights whose rows are here; a damaged file is taken away."""
+        parts, damaged = self._read()
+        for part in damaged:
+            # What cannot be taken away is told by who writes in its place.
+            with contextlib.suppress(OSError):
                 part.unlink()
-        return numbers
+        return {number for table in parts for number in table[NUMBER].to_pylist()}
 
-    def put(self, rows: Sequence[dict[str, Any]]) -> None:
+    def damaged(self) -> list[Path]:
+        """Files whose rows cannot be used."""
+        return self._read()[1]
+
+    def put(self, rows: Rows) -> None:
         """Keep the rows of a task.
 
         Raises
@@ -197,16 +293,61 @@ class Store:
     def table(self) -> pa.Table:
         """All rows, by number; what a flight has no figure for is null.
 
-        A file that cannot be read holds none: its flights are missing.
+        A damaged file holds none: its flights are missing.
         """
-        parts = []
-        for part in self._parts():
-            with contextlib.suppress(pa.ArrowException, OSError):
-                parts.append(pq.read_table(part))
+        parts, _ = self._read()
         if not parts:
             return pa.table({NUMBER: pa.array([], pa.int64())})
-        whole = pa.concat_tables(parts, promote_options="permissive")
-        return whole.sort_by(NUMBER)
+        return pa.concat_tables(parts, promote_options="permissive").sort_by(NUMBER)
+
+    def _read(self) -> tuple[list[pa.Table], list[Path]]:
+        """Tables of the files that can be used together, and the others."""
+        tables, damaged, known, schema = list[pa.Table](), list[Path](), set[int](), pa.schema([])
+        for part in self._parts():
+            try:
+                table = self._table_of(part)
+                schemas = pa.unify_schemas([schema, table.schema], promote_options="permissive")
+                numbers = set(table[NUMBER].to_pylist())
+                if len(numbers) < table.num_rows or numbers & known:
+                    raise ValueError("a flight twice")
+                inputs = {name for name in table.column_names if name.startswith(INPUT)}
+                if tables and inputs != {n for n in tables[0].column_names if n.startswith(INPUT)}:
+                    raise ValueError("of another campaign")
+            except (pa.ArrowException, OSError, ValueError):
+                damaged.append(part)
+                continue
+            schema, known = schemas, known | numbers
+            tables.append(table)
+        return tables, damaged
+
+    def _table_of(self, part: Path) -> pa.Table:
+        """A file's rows; raises ValueError, OSError or an ArrowException if it is damaged."""
+        if part.is_symlink() or not part.is_file():
+            raise ValueError("no file")
+        file = pq.ParquetFile(part)
+        most = self.flights
+        if most is not None and file.metadata.num_rows > most:
+            raise ValueError("more rows than flights")
+        table = file.read()
+        for name in self.fixed:
+            column = table[name] if name in table.column_names else None
+            if column is None or column.null_count or not _IS_KIND[name](column.type):
+                raise ValueError(name)
+        for field in table.schema:
+            figure = pa.types.is_floating(field.type) or pa.types.is_null(field.type)
+            if field.name.startswith((FIGURE, WHOLE)) and not figure:
+                raise ValueError(field.name)
+            if field.name.startswith(INPUT) and (
+                not any(is_kind(field.type) for is_kind in _INPUT_KINDS)
+                or table[field.name].null_count
+            ):
+                raise ValueError(field.name)
+        numbers = table[NUMBER].to_pylist()
+        if min(numbers, default=-1) < 0 or (most is not None and max(numbers) >= most):
+            raise ValueError(NUMBER)
+        if CAUSE in self.fixed and not set(table[CAUSE].to_pylist()) <= set(FlightEnding):
+            raise ValueError(CAUSE)
+        return table
 
     def _parts(self) -> list[Path]:
         return sorted((self.folder / ROWS).glob("part-*.parquet"))
@@ -223,167 +364,6 @@ class Store:
             made.replace(path)
         finally:
             made.unlink(missing_ok=True)
-
-
-# -------------------------------------------------------------------------------------------------
-# A campaign's flights on many processes: here, or where a Dask scheduler has its workers.
-# -------------------------------------------------------------------------------------------------
-
-Rows = list[dict[str, Any]]
-
-
-class FlightBatch(Protocol):
-    """Flights with numbers from 0 on, which fly anywhere: a `Spec`, or what else has these four."""
-
-    @property
-    def chunk(self) -> int:
-        """Flights of a task."""
-
-    @property
-    def count(self) -> int:
-        """Flights of it."""
-
-    def fly(self, numbers: Sequence[int]) -> Rows:
-        """Fly these; a row each, with its number under `NUMBER`, that follows from it alone."""
-
-    def killed(self, number: int) -> dict[str, Any]:
-        """The row of a flight that ended its process each time; may raise FlightError."""
-
-
-_REACH_S = 20.0
-# Dask looks at each worker's stack every 10 ms: one that compiles kernels nearly comes to a halt.
-_UNPROFILED = {"distributed.worker.profile.enabled": False}
-_SILENT = logging.CRITICAL + 1
-_GONE = "the scheduler is gone; what was flown stays, --resume goes on"
-
-
-def tasks(batch: FlightBatch, done: set[int]) -> list[list[int]]:
-    """What is still to be flown, by tasks; they are the same whoever flies them."""
-    task_list, count = [], batch.count
-    for first in range(0, count, batch.chunk):
-        left = [n for n in range(first, min(first + batch.chunk, count)) if n not in done]
-        if left:
-            task_list.append(left)
-    return task_list
-
-
-def fly_here(batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    """Fly task after task in this process."""
-    for numbers in todo:
-        yield batch.fly(numbers)
-
-
-def fly_by_dask(
-    batch: FlightBatch, todo: Sequence[Sequence[int]], workers: int, scheduler: str | None
-) -> Iterator[Rows]:
-    """Fly tasks on a cluster; rows come as they are flown.
-
-    Parameters
-    ----------
-    batch : FlightBatch
-    todo : sequence of sequence of int
-        As of `tasks`.
-    workers : int
-        Processes of a cluster on this machine.
-    scheduler : str or None
-        Address of another cluster's, such as tcp://10.0.0.1:8786.
-
-    Raises
-    ------
-    ParameterError
-        The scheduler cannot be reached, or a worker has other sources.
-    FlightError
-        The scheduler has gone.
-    """
-    with connected(workers, scheduler) as client:
-        yield from fly_on(client, batch, todo)
-
-
-def fly_on(client: Any, batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    """The same by a client that is there already (`connected`)."""
-    from distributed import CancelledError, as_completed
-    from distributed.comm import CommClosedError
-
-    # A key of its own: the same batch of an earlier call may be let go of at this very moment.
-    shared = client.scatter(batch, broadcast=True, hash=False)
-    futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
-    coming = as_completed(futures, loop=client.loop)
-    try:
-        for future in coming:
-            numbers = futures.pop(future)
-            rows, again = _taken(batch, future, numbers)
-            for number in again:
-                new = client.submit(_fly, shared, [number], pure=False)
-                futures[new] = [number]
-                coming.add(new)
-            if rows:
-                yield rows
-    except (CancelledError, CommClosedError, TimeoutError, OSError):
-        raise FlightError(_GONE) from None
-
-
-def _taken(batch: FlightBatch, future: Any, numbers: list[int]) -> tuple[Rows, list[int]]:
-    """Rows of a task, or what to fly again, one by one, as its process has ended too often."""
-    from distributed import KilledWorker
-
-    try:
-        commit, rows = future.result()
-    except KilledWorker:
-        return ([], numbers) if len(numbers) > 1 else ([batch.killed(numbers[0])], [])
-    _check_commit(commit, future.key)
-    return rows, []
-
-
-def _fly(batch: FlightBatch, numbers: list[int]) -> tuple[str, Rows]:
-    return sources_commit(), batch.fly(numbers)
-
-
-def _check_commit(commit: str, where: str) -> None:
-    if commit != sources_commit():
-        raise ParameterError(
-            f"--scheduler: {where}: a worker flies the sources of {commit}, these are "
-            f"{sources_commit()}; allowed: the same on all"
-        )
-
-
-@contextlib.contextmanager
-def connected(workers: int, scheduler: str | None) -> Iterator[Any]:
-    """A client of a cluster, as `fly_by_dask` takes it, which ends with it if it is its own."""
-    from distributed import Client, LocalCluster
-
-    # The matrices are small: threads of the linear algebra only cost time. The workers inherit it.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What happens to the cluster is said in our own sentences.
-    for name in [*logging.root.manager.loggerDict, "asyncio", "tornado"]:
-        if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
-            logging.getLogger(name).handlers = [logging.NullHandler()]
-            logging.getLogger(name).propagate = False
-    with contextlib.ExitStack() as ends:
-        if scheduler is None:
-            # Workers inherit that SIGINT is blocked, those that are started anew, too: Ctrl-C goes
-            # to all processes of a terminal, and this one ends the others. The tracker unblocks it
-            # in the thread that starts it.
-            resource_tracker.ensure_running()
-            with interrupts.held_back():
-                cluster = LocalCluster(
-                    n_workers=workers, threads_per_worker=1, processes=True,
-                    dashboard_address=None, silence_logs=_SILENT, config=_UNPROFILED,
-                )  # fmt: skip
-                address = ends.enter_context(cluster)
-        else:
-            address = scheduler
-        try:
-            client = Client(address, timeout=_REACH_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise ParameterError(
-                f"--scheduler {scheduler}: {' '.join(str(error).split())}; allowed: the address of "
-                "a scheduler that runs, such as tcp://127.0.0.1:8786"
-            ) from None
-        ends.enter_context(client)
-        if scheduler is not None:
-            for where, commit in client.run(sources_commit).items():
-                _check_commit(commit, where)
-        yield client
 
 
 # -------------------------------------------------------------------------------------------------

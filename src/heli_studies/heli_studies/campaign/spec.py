@@ -12,6 +12,7 @@ import hashlib
 import itertools
 import json
 import math
+import os
 import re
 import shutil
 import tempfile
@@ -658,6 +659,9 @@ COVERAGE = "coverage"
 FIXED = (NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE, COVERAGE)
 """Columns of every campaign; `in.` and `max.` begin those of inputs and of figures."""
 INPUT, FIGURE, WHOLE = "in.", "max.", "max_whole."
+FILES_IN = "HELI_CAMPAIGN_FOLDER"
+"""Environment variable of processes that may be killed: where flights write, cleared up by who
+started them (default: the temporary folder)."""
 
 
 def fly_rows(spec: Spec, numbers: Sequence[int]) -> list[dict[str, Any]]:
@@ -674,7 +678,7 @@ def fly_rows(spec: Spec, numbers: Sequence[int]) -> list[dict[str, Any]]:
     list of dict
         Column name to value. They depend on the spec and the number alone.
     """
-    with tempfile.TemporaryDirectory(prefix="heli_campaign_") as folder:
+    with tempfile.TemporaryDirectory(prefix="heli_flights_", dir=os.getenv(FILES_IN)) as folder:
         return [_row(spec, number, Path(folder)) for number in numbers]
 
 
