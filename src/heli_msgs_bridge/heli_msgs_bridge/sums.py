@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.foreign_files import read_bytes
+
 SUM = np.dtype("<u8")
 """Of one message: 64 bits of BLAKE2b (RFC 7693). To find another message with a given one takes
 2^63 tries; a message that is lost leaves those of the others as they were."""
@@ -59,6 +61,6 @@ class ChecksumWriter:
 
 
 def read_checksums(path: Path) -> NDArray[np.uint64]:
-    """Sums (N,) in the order of sending; OSError if there are none."""
-    raw = path.read_bytes()
+    """Sums (N,) in the order of sending; FileError if there are none."""
+    raw = read_bytes(path)
     return np.frombuffer(raw[: len(raw) // _SIZE * _SIZE], SUM)

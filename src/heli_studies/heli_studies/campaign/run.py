@@ -27,8 +27,9 @@ from scipy import stats
 from scipy.special import betaincinv
 
 from heli_core.errors import FlightError
+from heli_core.foreign_files import FileError, open_regular, read_json, too_large, within_budget
 from heli_core.metrics import BY_KEY, METRICS, PATH
-from heli_core.rcl_yaml import ParameterError
+from heli_core.rcl_yaml import ParameterError, file_refusal
 from heli_dynamics_sim.trim import TrimError
 from heli_flight import interrupts
 from heli_flight.fly import FlightOrder, fly_and_write
@@ -70,6 +71,7 @@ from heli_studies.campaign.spec import (
 
 SPEC_NAME, ABOUT_NAME, ROWS = "spec.yaml", "campaign.json", "rows"
 _PART = "part-{:08d}.parquet"
+_MOST_ROWS, _MOST_COLUMNS = 100_000, 2000
 _TOLD = {"spec": str, "commit": str, "flights": int, "file": str, "flown": dict, "disperse": dict}
 
 
@@ -80,8 +82,8 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
     share, by name), `disperse` (each parameter's distribution, in words).
     """
     try:
-        about = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        about = read_json(folder / ABOUT_NAME)
+    except FileError as error:
         raise ParameterError(f"{option}{folder}: holds no campaign: {error}") from None
     if not isinstance(about, dict) or any(
         not isinstance(about.get(key), kind) for key, kind in _TOLD.items()
@@ -93,6 +95,20 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
             f"in {folder}/result.json"
         )
     return about
+
+
+def _rows_of(part: Path, columns: list[str] | None = None) -> pa.Table:
+    """The rows of a file; ParameterError for one whose index counts more than any of ours has."""
+    try:
+        with open_regular(part) as file, pq.ParquetFile(file) as held:
+            about = held.metadata
+            if about.num_rows > _MOST_ROWS or about.num_columns > _MOST_COLUMNS:
+                raise too_large(f"a table of {about.num_rows} x {about.num_columns}", part)
+            groups = [about.row_group(n) for n in range(about.num_row_groups)]
+            within_budget(sum(group.total_byte_size for group in groups), "a table", part)
+            return held.read(columns)
+    except FileError as error:
+        raise file_refusal(error, part, "rows") from None
 
 
 def _about(spec: Spec, file: Path) -> dict[str, Any]:
@@ -170,7 +186,7 @@ class Store:
         numbers: set[int] = set()
         for part in self._parts():
             try:
-                numbers |= set(pq.read_table(part, columns=[NUMBER])[NUMBER].to_pylist())
+                numbers |= set(_rows_of(part, [NUMBER])[NUMBER].to_pylist())
             except (pa.ArrowException, OSError):
                 part.unlink()
         return numbers
@@ -202,7 +218,7 @@ class Store:
         parts = []
         for part in self._parts():
             with contextlib.suppress(pa.ArrowException, OSError):
-                parts.append(pq.read_table(part))
+                parts.append(_rows_of(part))
         if not parts:
             return pa.table({NUMBER: pa.array([], pa.int64())})
         whole = pa.concat_tables(parts, promote_options="permissive")
