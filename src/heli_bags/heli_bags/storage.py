@@ -245,7 +245,7 @@ def _unpack(bag: Path, folder: Path, about: dict[str, Any]) -> None:
 
 def bounded_qos(profiles: Any) -> list[Qos]:
     """QoS profiles of a bag, of which a text is YAML; raises FileError."""
-    if isinstance(profiles, str):
+    if isinstance(profiles, str) and profiles:
         compose_yaml(profiles, "offered_qos_profiles")
         if profiles.count(":") > _MOST_QOS_KEYS:
             raise FileError(FileCause.TOO_MANY, "a topic has too many QoS profiles")
@@ -307,11 +307,12 @@ def _check_overlap(chunks: Collection[ChunkInfo]) -> None:
     """Raise FileError where chunks of the same time, which are held at once, are too large."""
     steps = [(chunk.message_start_time, chunk.uncompressed_size) for chunk in chunks]
     steps += [(chunk.message_end_time + 1, -chunk.uncompressed_size) for chunk in chunks]
-    held = count = 0
+    held, count, most = 0, 0, budget_bytes() // _OVERLAP_SHARE
     for _, size in sorted(steps):
         held, count = held + size, count + (1 if size > 0 else -1)
-        if count > 1 and held > budget_bytes() // _OVERLAP_SHARE:
-            raise too_large(f"{count} chunks of the same time, {held / 2**20:.0f} MB together,")
+        if count > 1 and held > most:
+            what = f"{count} chunks of the same time, {held / 2**20:.0f} MB together,"
+            raise too_large(what, most=most)
 
 
 _STRANGE = (

@@ -207,7 +207,8 @@ def compose_yaml(text: str, path: object = "") -> yaml.Node | None:
         return yaml.compose(text, Loader=_LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        told = (getattr(error, "context", None), getattr(error, "problem", None))
+        problem = ", ".join(filter(None, told)) or str(error).splitlines()[0]
         sentence = f"not valid YAML: {problem}"
         line = 0 if mark is None else mark.line + 1
         raise FileError(FileCause.SYNTAX, sentence, path, line) from error
