@@ -228,7 +228,7 @@ def message(data: bytes, stamp_ns: int = 1, channel: int = 1) -> bytes:
     return _record(5, struct.pack("<HIQQ", channel, 0, stamp_ns, stamp_ns), data)
 
 
-def _channel(number: int, topic: str, qos: str = "") -> bytes:
+def _channel(number: int, topic: str, qos: str) -> bytes:
     about = _string(_string("offered_qos_profiles") + _string(qos))
     return _record(4, struct.pack("<HH", number, 1), _string(topic), _string("cdr"), about)
 
@@ -241,13 +241,14 @@ def mcap(
     topics: int = 1,
     extra: bytes = b"",
     compressed_size: int | None = None,
+    kind: str = "std_msgs/msg/Float64MultiArray",
+    topic: str = "/chat",
 ) -> bytes:
     """A file of these chunks; its index says what it is told to."""
-    name = "std_msgs/msg/Float64MultiArray"
     schema = _record(
-        3, struct.pack("<H", 1), _string(name), _string("ros2msg"), _string(definition)
+        3, struct.pack("<H", 1), _string(kind), _string("ros2msg"), _string(definition)
     )
-    channels = b"".join(_channel(n + 1, f"/chat{n or ''}", qos) for n in range(topics))
+    channels = b"".join(_channel(n + 1, f"{topic}{n or ''}", qos) for n in range(topics))
     out, index = _MAGIC + _record(1, _string("ros2"), _string("")) + schema + channels, []
     for chunk in chunks:
         times = struct.pack("<QQ", chunk.start_ns, chunk.end_ns)
@@ -321,8 +322,14 @@ MCAPS: dict[str, Callable[[], bytes]] = {
     "array of a constant length that lies": lambda: mcap(
         _zstd(message(_doubles(3))), definition="float64[900000000000] data\n"
     ),
+    "chunk a little below the budget": lambda: mcap(
+        _zstd(message(_doubles(120_000)) * (BUDGET_MB - 1))
+    ),
     "message of 6 GB": lambda: mcap(_zstd(message(zstd_zeros(6 * _GB)))),
 }
+
+
+_CHAT = ("/chat", "std_msgs/msg/Float64MultiArray")
 
 
 def _sparse_mcap(path: Path) -> None:
@@ -331,9 +338,24 @@ def _sparse_mcap(path: Path) -> None:
     _sparse(path, whole[:-foot], whole[-foot:])
 
 
-def _metadata(folder: Path, file: str, storage: str, mode: str = "") -> None:
+def _diagnostics() -> bytes:
+    """A chunk of statuses that hold thousands of pairs of short texts."""
+    pairs = [_string(f"{n:03x}\0") + _string("v\0") + b"\0\0" for n in range(4000)]
+    head = b"\0\1\0\0" + struct.pack("<iI", 1, 0) + _string(b"\0") + bytes(3)
+    texts = b"".join(_string(text) for text in (b"/ab\0", b"mno\0", b"heli\0\0\0\0"))
+    status = struct.pack("<I4x", 1) + texts + struct.pack("<I", len(pairs))
+    one = message(head + status + b"".join(pairs))
+    return mcap(
+        _zstd(one * (60 * _MB // len(one))),
+        kind="diagnostic_msgs/msg/DiagnosticArray", topic="/diagnostics", definition="uint8 x\n",
+    )  # fmt: skip
+
+
+def _metadata(
+    folder: Path, file: str, storage: str, mode: str = "", topic: tuple[str, str] = _CHAT
+) -> None:
     profile = {
-        "name": "/chat", "type": "std_msgs/msg/Float64MultiArray", "serialization_format": "cdr",
+        "name": topic[0], "type": topic[1], "serialization_format": "cdr",
         "offered_qos_profiles": [], "type_description_hash": "",
     }  # fmt: skip
     about = {
@@ -432,6 +454,14 @@ def _bags() -> dict[str, Make]:
     bags |= {f"metadata: {name}": of_metadata(make) for name, make in ODD.items()}
     bags |= {f"metadata: {name}": of_metadata(_text(text)) for name, text in TEXTS.items()}
     return bags
+
+
+def _told(path: Path) -> None:
+    """A bag of statuses, of which a report keeps every word."""
+    path.mkdir()
+    (path / "x_0.mcap").write_bytes(_diagnostics())
+    topic = ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    _metadata(path, "x_0.mcap", "mcap", topic=topic)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -544,7 +574,7 @@ GROUPS: dict[str, Group] = {
         },
     ),
     "bags in full": Group(
-        _bags,
+        lambda: _bags() | {"mcap: millions of words in diagnostics": _told},
         {
             "bag echo": ("bag", _command("bag", "echo", "{path}", "/chat", "--full")),
             "bag repair": ("bag", _command("bag", "repair", "{path}", "--out", "{out}")),

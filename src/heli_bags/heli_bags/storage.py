@@ -41,7 +41,7 @@ PACKED = ".zstd"
 """Behind the name of a file that was compressed as a whole."""
 MESSAGE_SHARE = 8
 """A message that is taken apart has this part of the budget: its fields are objects."""
-_OVERLAP_SHARE = 4
+_OVERLAP_SHARE = 2
 # What a record of a chunk costs beside its bytes.
 _RECORD_BYTES = 100
 _HEAD = struct.Struct("<BQ")

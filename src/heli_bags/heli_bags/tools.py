@@ -383,7 +383,14 @@ def write_csv(
                 if table is None:
                     name = c.topic.strip("/").replace("/", "__") + ".csv"
                     table = tables[c.topic] = _Table(folder / name)
-                table.add(stamp_ns, flatten(reader.deserialize(raw, c.msgtype)))
+                try:
+                    fields = flatten(reader.deserialize(raw, c.msgtype))
+                except BagError as error:
+                    if error.cause != BagCause.TOO_LARGE:
+                        raise
+                    sentence = f"{error}; it is on {c.topic}: name the topics to be written"
+                    raise BagError(sentence, error.cause) from error
+                table.add(stamp_ns, fields)
                 progress(done, total)
         except OSError as error:
             sentence = f"{folder}: cannot be written: {reason(error)}"

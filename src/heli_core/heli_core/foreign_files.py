@@ -27,8 +27,8 @@ from heli_core.errors import CausedError
 # -------------------------------------------------------------------------------------------------
 
 BUDGET_VARIABLE = "HELI_MEMORY_MB"
-BUDGET_MB = 128
-"""Without a word of the environment. What a reader needs is at most twice that."""
+BUDGET_MB = 64
+"""Without a word of the environment. A reader needs three times that beside its libraries."""
 _MOST_MB = 1 << 20
 
 MOST_TEXT_BYTES = 1 << 22
