@@ -60,10 +60,10 @@ KNOWN_IN_JAZZY = {
 }
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk", "pygame": "pygame-ce"}
 # By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
-# package, or, of typer, one that is too old.
+# package, or, of typer, one that is too old; apsw and lz4 come with rosbags.
 BY_PIP = {
-    "cma", "control", "distributed", "foxglove", "mcap", "pyarrow", "rosbags", "ruckig",
-    "typer", "zstandard",
+    "apsw", "cma", "control", "distributed", "foxglove", "lz4", "mcap", "pyarrow", "rosbags",
+    "ruckig", "typer", "zstandard",
 }  # fmt: skip
 
 

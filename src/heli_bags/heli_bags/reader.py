@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import yaml
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.writer import LATE, METADATA, SUFFIXES, WINDOW_NS, BagCause, BagError, reason
+from heli_bags.storage import PACKED, budgeted, checked_message, most_expanded, storage_of
+from heli_bags.writer import LATE, METADATA, WINDOW_NS, BagCause, BagError, reason
+from heli_core.foreign_files import FileCause, FileError, read_yaml, too_large
 from heli_core.rcl_yaml import printable
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
@@ -35,17 +35,17 @@ from heli_msgs_bridge.signatures import SUM, checksum
 
 
 def storage_files(bag: Path) -> list[Path]:
-    """The .mcap and .db3 files of a folder."""
-    return sorted(p for p in bag.iterdir() if p.suffix in SUFFIXES.values() and p.is_file())
+    """The .mcap and .db3 files of a folder, also those that are compressed as wholes."""
+    return sorted(p for p in bag.iterdir() if storage_of(p) and p.is_file())
 
 
 def listed_files(bag: Path) -> list[str]:
     """Names of the files that metadata.yaml lists; empty if there is none that can be read."""
     try:
-        content = yaml.safe_load((bag / METADATA).read_text(encoding="utf-8"))
+        content = read_yaml(bag / METADATA)
         paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
         return [Path(str(path)).name for path in paths]
-    except (OSError, ValueError, TypeError, LookupError, RecursionError, yaml.YAMLError):
+    except (FileError, TypeError, LookupError):
         return []
 
 
@@ -69,6 +69,8 @@ class Trouble(NamedTuple):
 
 def _file_trouble(path: Path) -> Trouble | None:
     name = path.name
+    if path.suffix == PACKED:
+        return None
     if path.suffix == ".mcap":
         with open(path, "rb") as stream:
             if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -134,6 +136,7 @@ def advice(bag: Path) -> str:
 
 _Item = TypeVar("_Item")
 _END = object()
+ABOVE = (FileCause.TOO_LARGE, FileCause.TOO_MANY, FileCause.SPARSE)
 _NEEDS_WORDS = (
     LookupError, AttributeError, TypeError, AssertionError, ArithmeticError, MemoryError,
     RecursionError,
@@ -144,6 +147,9 @@ def damage(path: Path, error: Exception) -> BagError:
     """The error for the user: one line that names the bag."""
     if isinstance(error, BagError):
         return error
+    if isinstance(error, FileError):
+        cause = BagCause.TOO_LARGE if error.cause in ABOVE else BagCause.DAMAGED
+        return BagError(f"{path}: not a readable bag: {error}", cause)
     why = reason(error)
     if isinstance(error, _NEEDS_WORDS) and type(error).__module__ == "builtins":
         # Their texts are for programmers: a name, or nothing.
@@ -182,6 +188,8 @@ def guarded(path: Path, items: Iterable[_Item]) -> Iterator[_Item]:
 
 # A bag may begin with the moment at which its first message arrived, not with its stamp.
 _EARLY_NS = NS_PER_S // 10
+# What is kept of a message, beside its bytes; of those of /diagnostics, texts, so many times them.
+_ROW_BYTES, _REMARK_COST = 256, 8
 
 
 @dataclass(frozen=True)
@@ -274,10 +282,11 @@ def _remarks(message: Any, namespaces: Collection[str]) -> list[Remark]:
 
 
 class _Collector:
-    """Fills a Bag message by message."""
+    """Fills a Bag message by message, of so many bytes in all: a few may expand to any number."""
 
-    def __init__(self, datum: Datum | None) -> None:
+    def __init__(self, datum: Datum | None, most: int) -> None:
         self.bag = Bag()
+        self._left = most
         self.namespaces: frozenset[str] = frozenset()
         self.start_ns, self._end_ns, self._in_flight_time = 0, 0, False
         self._store = get_typestore(Stores.ROS2_JAZZY)
@@ -294,7 +303,9 @@ class _Collector:
             type_name = topics.BY_NAME[name].type
             datum = self._datum if name == topics.GPS_FIX else None
             self._decoders[name] = Decoder(
-                name, datum, lambda raw: self._store.deserialize_cdr(raw, type_name)
+                name,
+                datum,
+                lambda raw: self._store.deserialize_cdr(checked_message(raw), type_name),
             )
             self._stamps[name], self._rows[name] = [], []
         return self._decoders[name]
@@ -302,6 +313,9 @@ class _Collector:
     def take(self, name: str, bag_ns: int, raw: bytes) -> None:
         """One message of the graph, and the bag's time of it."""
         self._end_ns = max(self._end_ns, bag_ns)
+        self._left -= len(raw) * (_REMARK_COST if name == topics.DIAGNOSTICS else 1) + _ROW_BYTES
+        if self._left < 0:
+            raise too_large("what its messages hold together")
         try:
             if name == topics.REFERENCE:
                 message = self._deserialized(name, raw)
@@ -322,7 +336,7 @@ class _Collector:
 
     def _deserialized(self, name: str, raw: bytes) -> Any:
         try:
-            return self._store.deserialize_cdr(raw, topics.BY_NAME[name].type)
+            return self._store.deserialize_cdr(checked_message(raw), topics.BY_NAME[name].type)
         except Exception as error:
             # rosbags trusts the bytes: it raises whatever they lead to.
             problem = f"cannot be deserialised: {reason(error)}"
@@ -408,7 +422,7 @@ def require_whole(path: Path) -> None:
         if path.is_dir() and not storage_files(path) and not listed_files(path):
             sentence = f"{path}: not a readable bag: it holds neither .mcap nor .db3 files"
             raise BagError(sentence, BagCause.NO_BAG)
-        if path.is_file() and path.suffix not in SUFFIXES.values():
+        if path.is_file() and not storage_of(path):
             sentence = f"{path}: not a readable bag: neither folder nor .mcap nor .db3 file"
             raise BagError(sentence, BagCause.NO_BAG)
         problem = advice(path)
@@ -457,13 +471,15 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
 
 def _read(path: Path, datum: Datum | None) -> Bag:
     """A bag that is whole; raises as `read_bag`."""
-    collector = _Collector(datum)
-    try:
-        reader = Reader(path)
-        reader.open()
-    except Exception as error:
-        raise damage(path, error) from error
-    with contextlib.closing(reader):
+    files = [path] if path.is_file() else storage_files(path)
+    collector = _Collector(datum, most_expanded(sum(file.stat().st_size for file in files)))
+    with contextlib.ExitStack() as stack:
+        try:
+            reader = stack.enter_context(budgeted(path))
+            reader.open()
+        except Exception as error:
+            raise damage(path, error) from error
+        stack.enter_context(contextlib.closing(reader))
         names = {c.id: _graph_name(c.topic, c.msgtype) for c in named(path, reader.connections)}
         collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
         collector.bag.aircraft = ", ".join(sorted(collector.namespaces - {""}))
@@ -476,7 +492,10 @@ def _read(path: Path, datum: Datum | None) -> Bag:
         for connection, bag_ns, raw in guarded(path, reader.messages()):
             name = names[connection.id]
             if name is not None:
-                collector.take(name, bag_ns, raw)
+                try:
+                    collector.take(name, bag_ns, raw)
+                except FileError as error:
+                    raise damage(path, error) from error
     return collector.finish()
 
 

@@ -9,6 +9,7 @@ import struct
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,16 +17,31 @@ from typing import Any, BinaryIO
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import UnsupportedCompressionError
 from mcap.opcode import Opcode
 from mcap.records import McapRecord
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
-from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from heli_bags.reader import listed_files, storage_files, trouble
+from heli_bags.reader import ABOVE, damage, listed_files, storage_files, trouble
+from heli_bags.storage import (
+    MOST_DEFINITIONS,
+    MOST_TOPICS,
+    PACKED,
+    bounded_qos,
+    check_database,
+    chunk_content,
+    expand_file,
+    expanded,
+    storage_of,
+)
 from heli_bags.writer import BagCause, BagChannel, BagError, BagFolder, Format, reason
+from heli_core.foreign_files import (
+    FileCause,
+    FileError,
+    budget_bytes,
+    open_regular,
+    within_budget,
+)
 
 # -------------------------------------------------------------------------------------------------
 # Every complete message of a storage file that was cut off or never closed. The file stays as is.
@@ -45,7 +61,6 @@ _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.SCHEMA: records.Schema.read,
     Opcode.CHANNEL: records.Channel.read,
 }
-_COMPRESSIONS = ("", "lz4", "zstd")
 # On damaged bytes the libraries raise whatever the line at hand raises.
 _DAMAGED = (Exception,)
 # Of stamps: SQLite holds no larger number.
@@ -78,6 +93,7 @@ class State:
     notes: list[str] = field(default_factory=list)
 
 
+@lru_cache(maxsize=MOST_TOPICS)
 def type_hash(type_name: str, definition: str) -> str:
     """Hash of a type (`RIHS01_...`) out of its definition; empty if that cannot be read."""
     store = get_typestore(Stores.EMPTY)
@@ -98,21 +114,20 @@ def _record(opcode: int, data: bytes) -> McapRecord | None:
     return None if reader is None else reader(stream)
 
 
-def _expanded(data: bytes) -> bytes:
-    """What a zstd stream holds, as far as it goes."""
-    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-
-
 def _content(chunk: records.Chunk, cut: bool) -> bytes:
     """Uncompressed content of a chunk, as much of it as there is if the chunk is cut off."""
-    if chunk.compression not in _COMPRESSIONS:
-        raise UnsupportedCompressionError(chunk.compression)
     if not cut:
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        return stream.read(size)
+        size, crc = chunk.uncompressed_size, chunk.uncompressed_crc
+        return chunk_content(chunk.data, chunk.compression, size, crc)
     if chunk.compression == "zstd":
-        return _expanded(chunk.data)
+        return expanded(chunk.data, budget_bytes())
     return b"" if chunk.compression else chunk.data
+
+
+def _refuse_large(error: Exception) -> None:
+    """Pass over what is damaged, but not what is above the budget: that is no damage."""
+    if isinstance(error, FileError) and error.cause in ABOVE:
+        raise error
 
 
 class _Mcap:
@@ -122,18 +137,23 @@ class _Mcap:
         self.path, self.state = path, state
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, BagChannel] = {}
+        self._texts: set[str] = set()
 
     def _add(self, channel: records.Channel) -> None:
         if channel.id in self._channels:
             return
         schema = self._schemas.get(channel.schema_id)
         name, text = (schema.name, schema.data.decode()) if schema else ("", "")
+        self._texts.add(text)
+        many = len(self._channels) >= MOST_TOPICS
+        if many or sum(map(len, self._texts)) > MOST_DEFINITIONS:
+            raise FileError(FileCause.TOO_MANY, "it has too many topics or too long definitions")
         self._channels[channel.id] = BagChannel(
             channel.topic,
             name,
             text,
             channel.metadata.get("topic_type_hash", "") or type_hash(name, text),
-            tuple(parse_qos(channel.metadata.get("offered_qos_profiles", ""))),
+            tuple(bounded_qos(channel.metadata.get("offered_qos_profiles", ""))),
             schema is not None and schema.encoding == "ros2idl",
         )
 
@@ -167,12 +187,13 @@ class _Mcap:
             chunk = records.Chunk.read(ReadDataStream(BytesIO(data)))
             self.state.zstd |= chunk.compression == "zstd"
             yield from self._records(_content(chunk, cut))
-        except _DAMAGED:
+        except _DAMAGED as error:
+            _refuse_large(error)
             if not cut:
                 self.state.damaged_chunks += 1
 
     def messages(self) -> Iterator[Message]:
-        with open(self.path, "rb") as stream:
+        with open_regular(self.path) as stream:
             if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise BagError(f"{self.path}: not an MCAP file", BagCause.NO_BAG)
             yield from self._from(stream, self.path.stat().st_size)
@@ -187,17 +208,23 @@ class _Mcap:
                 break
             if opcode == Opcode.FOOTER:
                 stream.seek(size, 1)
-                self.state.whole = stream.read() == MCAP0_MAGIC
+                self.state.whole = stream.read(len(MCAP0_MAGIC) + 1) == MCAP0_MAGIC
                 return
+            if cut:
+                size = min(size, end - at, budget_bytes())
+            within_budget(size, "a record")
             if opcode == Opcode.CHUNK:
-                yield from self._chunk(stream.read(min(size, end)), cut)
+                yield from self._chunk(stream.read(size), cut)
                 if cut:
                     break
             elif opcode == Opcode.MESSAGE or opcode in _READERS:
-                with contextlib.suppress(*_DAMAGED):
+                try:
                     message = self._take(opcode, stream.read(size))
-                    if message is not None:
-                        yield message
+                except _DAMAGED as error:
+                    _refuse_large(error)
+                    message = None
+                if message is not None:
+                    yield message
             at += _HEAD.size + size
             stream.seek(at)
         self.state.lost_bytes = end - at
@@ -215,10 +242,13 @@ class _Sqlite:
             for tail in ("", "-wal", "-journal"):
                 source = self.path.with_name(self.path.name + tail)
                 if source.is_file():
+                    open_regular(source).close()
                     shutil.copyfile(source, copy.with_name(copy.name + tail))
                     self.state.whole = not tail or (self.state.whole and not source.stat().st_size)
             self._fit(copy)
             with contextlib.closing(sqlite3.connect(copy)) as database:
+                database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(budget_bytes(), 10**9))
+                check_database(database)
                 yield from self._read(database)
 
     def _fit(self, copy: Path) -> None:
@@ -248,6 +278,7 @@ class _Sqlite:
         try:
             channels = self._channels(database)
         except _DAMAGED as error:
+            _refuse_large(error)
             self.state.whole = False
             self.state.notes.append(f"{self.path.name}: {reason(error)}")
             return
@@ -285,7 +316,7 @@ class _Sqlite:
                 str(row["type"]),
                 str(text),
                 row.get("type_description_hash") or type_hash(row["type"], text),
-                tuple(parse_qos(row.get("offered_qos_profiles", ""))),
+                tuple(bounded_qos(row.get("offered_qos_profiles", ""))),
                 known.get("encoding") == "ros2idl",
             )
         return channels
@@ -312,23 +343,44 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
         The file is neither, or cannot be read at all.
     """
     readers: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
-    reader = readers.get(path.suffix)
+    reader = readers.get(storage_of(path))
     if reader is None:
         raise BagError(f"{path}: neither an .mcap nor a .db3 file", BagCause.NO_BAG)
     try:
-        for channel, stamp_ns, raw in reader(path, state).messages():
-            if not (isinstance(stamp_ns, int) and 0 <= stamp_ns <= _MOST_NS):
-                state.damaged_chunks += 1
-                continue
-            # rosbag2 may have compressed every message by itself; CDR never begins like that.
-            try:
-                plain = _expanded(raw) if raw[:4] == zstandard.FRAME_HEADER else raw
-            except zstandard.ZstdError:
-                state.damaged_chunks += 1
-                continue
-            yield channel, stamp_ns, plain
+        with _plain(path) as (plain, is_whole):
+            yield from _salvaged(reader(plain, state), state)
+        state.whole = state.whole and is_whole
+    except FileError as error:
+        raise damage(path, error) from error
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {reason(error)}", BagCause.DAMAGED) from error
+
+
+@contextlib.contextmanager
+def _plain(path: Path) -> Iterator[tuple[Path, bool]]:
+    """A file as it is, or a copy of one that is compressed as a whole, and whether that is whole"""
+    if path.suffix != PACKED:
+        yield path, True
+        return
+    with tempfile.TemporaryDirectory(prefix="heli_repair_") as folder:
+        plain = Path(folder) / path.stem
+        is_whole = expand_file(path, plain, cut=True)
+        yield plain, is_whole
+
+
+def _salvaged(reader: _Mcap | _Sqlite, state: State) -> Iterator[Message]:
+    """Messages with a time that can be one, and plain bytes."""
+    for channel, stamp_ns, raw in reader.messages():
+        if not (isinstance(stamp_ns, int) and 0 <= stamp_ns <= _MOST_NS):
+            state.damaged_chunks += 1
+            continue
+        # rosbag2 may have compressed every message by itself; CDR never begins like that.
+        try:
+            plain = expanded(raw) if raw[:4] == zstandard.FRAME_HEADER else raw
+        except zstandard.ZstdError:
+            state.damaged_chunks += 1
+            continue
+        yield channel, stamp_ns, plain
 
 
 # -------------------------------------------------------------------------------------------------
@@ -481,7 +533,7 @@ def repair(
     result.lost_bytes = sum(state.lost_bytes for state in survey.states)
     result.damaged_chunks = damaged
     result.notes = [note for state in survey.states for note in state.notes]
-    storage = "sqlite3" if files[0].suffix == ".db3" else "mcap"
+    storage = "sqlite3" if storage_of(files[0]) == ".db3" else "mcap"
     form = Format(storage, storage == "mcap" and any(state.zstd for state in survey.states))
     try:
         _copy(files, survey, target, form, result, progress)

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 import struct
+from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.reader import damage, guarded, named, require_whole, storage_files
+from heli_bags.storage import budgeted, checked_message, storage_of
 from heli_bags.writer import BagCause, BagError, reason
 from heli_core.rcl_yaml import printable
 
@@ -27,44 +29,79 @@ from heli_core.rcl_yaml import printable
 # Messages as plain data, as text like `ros2 topic echo`, as one level of fields. No rclpy.
 # -------------------------------------------------------------------------------------------------
 
-_SHOWN = 128
+_SHOWN, _MOST_VALUES = 128, 100_000
 # What a message without fields has instead.
 _PLACEHOLDER = "structure_needs_at_least_one_member"
 
 
-def plain(value: Any) -> Any:
-    """A message of rclpy or `rosbags` as dictionaries, lists, numbers and texts."""
+def plain(value: Any, most: int | None = None) -> Any:
+    """A message of rclpy or `rosbags` as dictionaries, lists, numbers and texts.
+
+    Parameters
+    ----------
+    value : object
+        The message, or a value of it.
+    most : int, optional
+        Elements of a sequence, of which more are "..."; default: all.
+
+    Raises
+    ------
+    BagError
+        All would be more than 100 000 values.
+    """
+    if most is None:
+        _check_count(value)
+    return _plain(value, most)
+
+
+def _check_count(message: Any) -> None:
+    """Raise BagError for a message of more values than are made objects of."""
+    todo, count = [message], 0
+    while todo:
+        value = todo.pop()
+        if isinstance(value, np.ndarray):
+            count += value.size
+        elif dataclasses.is_dataclass(value):
+            todo += [getattr(value, f.name) for f in dataclasses.fields(value)]
+        elif hasattr(value, "get_fields_and_field_types"):
+            todo += [getattr(value, name) for name in value.get_fields_and_field_types()]
+        elif isinstance(value, (list, tuple)):
+            count += len(value)
+            todo += value if count <= _MOST_VALUES else []
+        elif isinstance(value, (array, bytes)):
+            count += len(value)
+        if count > _MOST_VALUES:
+            sentence = f"a message has {count} values or more; allowed: {_MOST_VALUES}"
+            raise BagError(sentence, BagCause.TOO_LARGE)
+
+
+def _plain(value: Any, most: int | None) -> Any:
     if isinstance(value, np.ndarray):
-        return value.tolist()
+        return _cut(value[:most].tolist(), len(value), most)
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, bytes):
-        return value[0] if len(value) == 1 else list(value)
+        return value[0] if len(value) == 1 else _cut(list(value[:most]), len(value), most)
     if dataclasses.is_dataclass(value):
         names = [f.name for f in dataclasses.fields(value) if not f.name.startswith("__")]
-        return {name: plain(getattr(value, name)) for name in names if name != _PLACEHOLDER}
+        return {name: _plain(getattr(value, name), most) for name in names if name != _PLACEHOLDER}
     if hasattr(value, "get_fields_and_field_types"):
-        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+        names = list(value.get_fields_and_field_types())
+        return {name: _plain(getattr(value, name), most) for name in names}
     if isinstance(value, (str, bool, int, float)) or value is None:
         return value
-    return [plain(item) for item in value]
+    return _cut([_plain(item, most) for item in value[:most]], len(value), most)
 
 
-def _shortened(value: Any) -> Any:
+def _cut(shown: list[Any], size: int, most: int | None) -> list[Any]:
     """Long sequences cut, as `ros2 topic echo` does."""
-    if isinstance(value, dict):
-        return {key: _shortened(item) for key, item in value.items()}
-    if isinstance(value, list):
-        short = [_shortened(item) for item in value[:_SHOWN]]
-        return [*short, "..."] if len(value) > _SHOWN else short
-    return value
+    return shown if most is None or size <= most else [*shown, "..."]
 
 
 def as_yaml(message: Any, full: bool = False) -> str:
     """Text of a message as `ros2 topic echo` prints it, with the closing `---`."""
-    content = plain(message)
     text = yaml.safe_dump(
-        content if full else _shortened(content),
+        plain(message, None if full else _SHOWN),
         sort_keys=False,
         allow_unicode=True,
         default_flow_style=False,
@@ -158,7 +195,7 @@ class BagReader:
     def deserialize(self, raw: bytes, type_name: str) -> Any:
         """The message object."""
         try:
-            return self._reader.deserialize(raw, type_name)
+            return self._reader.deserialize(checked_message(raw), type_name)
         except Exception as error:
             raise damage(self._path, error) from error
 
@@ -179,12 +216,15 @@ def opened(path: Path) -> Iterator[BagReader]:
     """
     path = bag_of(path)
     require_whole(path)
-    try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        reader.open()
-    except Exception as error:
-        raise damage(path, error) from error
-    with contextlib.closing(reader):
+    with contextlib.ExitStack() as stack:
+        try:
+            files = stack.enter_context(budgeted(path))
+            reader = AnyReader([files.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            reader.readers = [files]
+            reader.open()
+        except Exception as error:
+            raise damage(path, error) from error
+        stack.enter_context(contextlib.closing(reader))
         yield BagReader(path, reader)
 
 
@@ -270,7 +310,7 @@ def bag_info(path: Path) -> BagInfo:
             )
         return BagInfo(
             str(bag),
-            "sqlite3" if files[0].suffix == ".db3" else "mcap",
+            "sqlite3" if storage_of(files[0]) == ".db3" else "mcap",
             [file.name for file in files],
             sum(file.stat().st_size for file in files),
             reader.start_time / 1e9 if count else 0.0,
@@ -343,7 +383,14 @@ def write_csv(
                 if table is None:
                     name = c.topic.strip("/").replace("/", "__") + ".csv"
                     table = tables[c.topic] = _Table(folder / name)
-                table.add(stamp_ns, flatten(reader.deserialize(raw, c.msgtype)))
+                try:
+                    fields = flatten(reader.deserialize(raw, c.msgtype))
+                except BagError as error:
+                    if error.cause != BagCause.TOO_LARGE:
+                        raise
+                    sentence = f"{error}; it is on {c.topic}: name the topics to be written"
+                    raise BagError(sentence, error.cause) from error
+                table.add(stamp_ns, fields)
                 progress(done, total)
         except OSError as error:
             sentence = f"{folder}: cannot be written: {reason(error)}"
@@ -483,8 +530,8 @@ def _block(number: int, table: LogTopic, time_us: NDArray[np.uint64]) -> NDArray
     layout = [(name, array.dtype, array.shape[1:]) for name, array in columns.items()]
     block = np.zeros(time_us.size, dtype=np.dtype([*_HEAD, *layout]))
     block["size"], block["kind"], block["number"] = block.itemsize - 3, b"D", number
-    for name, array in columns.items():
-        block[name] = array
+    for name, column in columns.items():
+        block[name] = column
     return block
 
 

@@ -346,6 +346,7 @@ class BagCause(Enum):
     STOPPED = "its recording has stopped"
     OPTION = "options do not go together, or one is not known"
     TOPIC = "a topic or its type is not known"
+    TOO_LARGE = "it is larger than the budget, or would become so"
 
 
 class BagError(Exception):

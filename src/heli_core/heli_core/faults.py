@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeGuard, TypeVar
 import yaml
 
 from heli_core.errors import ParameterCause, ParameterError
+from heli_core.foreign_files import FileError, compose_yaml
 from heli_core.rcl_yaml import number, printable, scalar
 
 NONE = "none"
@@ -245,8 +246,8 @@ _KEYS = ("what", "kind", "start_s", "duration_s", "value")
 def composed(text: str, keys: Sequence[str], where: str) -> yaml.Node | None:
     """The YAML node of a parameter's entry; ParameterError where it is no YAML."""
     try:
-        return yaml.compose(text, Loader=yaml.SafeLoader)
-    except yaml.YAMLError:
+        return compose_yaml(text)
+    except FileError:
         raise ParameterError(
             f"{text!r} is not valid YAML",
             ParameterCause.SYNTAX,

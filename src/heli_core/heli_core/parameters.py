@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from heli_core.foreign_files import FileError, compose_yaml
 from heli_core.rcl_yaml import (
     Entry,
     ParameterCause,
@@ -276,8 +276,8 @@ def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
         if node and node.strip("/") not in (node_name.strip("/"), node_name.rsplit("/", 1)[-1]):
             continue
         try:
-            tree = yaml.compose(text, Loader=yaml.SafeLoader)
-        except yaml.YAMLError as error:
+            tree = compose_yaml(text)
+        except FileError as error:
             raise ParameterError(
                 "value is not valid YAML", ParameterCause.SYNTAX, where=where, key=key
             ) from error

@@ -20,6 +20,7 @@ import yaml
 
 from heli_core.errors import ParameterCause as ParameterCause
 from heli_core.errors import ParameterError as ParameterError
+from heli_core.foreign_files import FileCause, FileError, compose_yaml, read_text
 
 # -------------------------------------------------------------------------------------------------
 # A text out of a file or a message, fit for a sentence.
@@ -51,9 +52,6 @@ _FLOAT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _SECTION = "ros__parameters"
 # More are no double either.
 _MOST_DIGITS, _BEYOND_INT64 = 200, 2**63
-
-# libyaml where it is built in: ten times faster, and a node reads three files at start.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -156,18 +154,29 @@ def value_of(node: yaml.Node, where: str, key: str) -> Any:
     return items
 
 
+_FILE_CAUSES = (
+    FileCause.UNREADABLE, FileCause.NOT_REGULAR, FileCause.TOO_LARGE, FileCause.SPARSE,
+    FileCause.NOT_TEXT, FileCause.BUDGET,
+)  # fmt: skip
+
+
+def file_refusal(error: FileError, path: object, what: str = "parameter file") -> ParameterError:
+    """The refusal of a file, or of its YAML, as one of parameters."""
+    cause = ParameterCause.UNREADABLE if error.cause in _FILE_CAUSES else ParameterCause.SYNTAX
+    unread = cause == ParameterCause.UNREADABLE
+    problem = f"cannot read {what}: {error.problem}" if unread else error.problem
+    return ParameterError(problem, cause, where=f"{path}:{error.line}" if error.line else str(path))
+
+
 def _text(path: Path) -> str:
     if not path.exists():
         raise ParameterError(
             "parameter file does not exist", ParameterCause.UNREADABLE, where=str(path)
         )
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ParameterError(
-            f"cannot read parameter file: {reason}", ParameterCause.UNREADABLE, where=str(path)
-        ) from error
+        return read_text(path)
+    except FileError as error:
+        raise file_refusal(error, path) from error
 
 
 def _malformed(problem: str, where: str, key: str = "") -> ParameterError:
@@ -176,16 +185,9 @@ def _malformed(problem: str, where: str, key: str = "") -> ParameterError:
 
 def _root(path: Path, text: str) -> yaml.MappingNode:
     try:
-        for event in yaml.parse(text, Loader=_LOADER):
-            if isinstance(event, yaml.AliasEvent):
-                line = event.start_mark.line + 1 if event.start_mark else 0
-                raise _malformed("YAML aliases are not allowed", f"{path}:{line}")
-        root = yaml.compose(text, Loader=_LOADER)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line_text = f":{mark.line + 1}" if mark is not None else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise _malformed(f"not valid YAML: {problem}", f"{path}{line_text}") from error
+        root = compose_yaml(text, path)
+    except FileError as error:
+        raise file_refusal(error, path) from error
     if not isinstance(root, yaml.MappingNode):
         raise _malformed(f"not a ROS parameter file: expected 'node: {_SECTION}: ...'", str(path))
     return root
@@ -270,13 +272,6 @@ def read(path: str | Path) -> ParameterFile:
 @lru_cache(maxsize=64)
 def _content(path: Path, text: str) -> ParameterFile:
     """What a text says; who resolves a flight again and again has most files in hand already."""
-    try:
-        return _parsed(path, text)
-    except RecursionError:
-        raise _malformed("not valid YAML: nested too deeply", str(path)) from None
-
-
-def _parsed(path: Path, text: str) -> ParameterFile:
     sections: list[tuple[str, str]] = []
     entries: list[Entry] = []
     for pattern, node, where in _sections(_root(path, text), path, ""):

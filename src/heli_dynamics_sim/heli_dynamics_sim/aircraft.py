@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from heli_core.errors import ParameterCause, ParameterRefusal
+from heli_core.foreign_files import FileError, read_yaml
 from heli_core.jit import by_reference
-from heli_core.rcl_yaml import printable
+from heli_core.rcl_yaml import file_refusal, printable
 from heli_core.rows import PLANT
 from heli_dynamics_sim.airframe import BodyParams, FinParams, FuselageParams, GyroParams
 from heli_dynamics_sim.engine import FREE, EngineParams
@@ -38,9 +38,6 @@ from heli_dynamics_sim.servo import Imperfections, ServoParams
 # -------------------------------------------------------------------------------------------------
 # Aircraft files: where they lie, what a value may be, and how a bad one is refused.
 # -------------------------------------------------------------------------------------------------
-
-# libyaml where it is built in, ten times faster.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _LONGEST = 80
 COUPLINGS = ("identified", "eq7")
@@ -172,13 +169,9 @@ def find_aircraft(path: str | Path) -> Path:
 def read_groups(file: Path) -> dict[str, Any]:
     """Values of an aircraft file as `{group.key: value}`; raises AircraftError."""
     try:
-        tree = yaml.load(file.read_text(encoding="utf-8"), Loader=_LOADER)
-    except (OSError, UnicodeDecodeError) as error:
-        raise AircraftError(f"cannot be read: {error}", ParameterCause.UNREADABLE) from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        # A date that is none, an integer of thousands of digits, a thousand brackets.
-        reason = " ".join(str(error).split())
-        raise AircraftError(f"is not valid YAML: {reason}", ParameterCause.SYNTAX) from error
+        tree = read_yaml(file)
+    except FileError as error:
+        raise AircraftError.like(file_refusal(error, "", "the file")) from error
     return flatten(tree)
 
 

@@ -11,7 +11,8 @@ import yaml
 
 from heli_bags.parameters import NODE_NAME as RECORDER
 from heli_core.faults import NONE, Fault, check_count, fault_of, faults_of
-from heli_core.rcl_yaml import ParameterError, dump_all
+from heli_core.foreign_files import FileCause, FileError, compose_yaml, read_text
+from heli_core.rcl_yaml import ParameterError, dump_all, file_refusal
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.settings import (
     DRAWN,
@@ -88,15 +89,12 @@ def read_faults(path: Path | None) -> FaultsRead:
 def _entries(path: Path) -> list[yaml.Node]:
     """The list of a file."""
     try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot read faults: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ParameterError(f"{path}: cannot read faults: it is not UTF-8") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark is not None else ""
-        raise ParameterError(f"{path}{line}: not valid YAML; expected {_FORM}") from None
+        root = compose_yaml(read_text(path), path)
+    except FileError as error:
+        refused = file_refusal(error, path, "faults")
+        if error.cause == FileCause.SYNTAX:
+            refused.problem = f"not valid YAML; expected {_FORM}"
+        raise refused from None
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     entries = pairs[0][1] if [key.value for key, _ in pairs] == [_KEY] else None
     if not isinstance(entries, yaml.SequenceNode):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of a flight: arrays, one row per tick, from the one-process loop or from a bag."""
 
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_core.errors import FlightError
+from heli_core.foreign_files import FileError, read_arrays
 from heli_core.jit import by_reference
 from heli_core.rows import ACTUATOR, IMU, NAV, REFERENCE, SETPOINT, TRUTH
 from heli_core.ticks import Rate
@@ -120,10 +120,11 @@ def read_record(path: Path) -> FlightRecord:
         The file cannot be read, or holds no record; one sentence.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
         record = FlightRecord(**arrays)
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except FileError as error:
+        raise FlightError(f"{path}: holds no record of a flight: {error.problem}") from None
+    except TypeError as error:
         raise FlightError(f"{path}: holds no record of a flight: {error}") from None
     wrong = [name for name, array in arrays.items() if array.shape[:1] != record.time_s.shape]
     if wrong or record.time_s.ndim != 1:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from heli_bags.reader import Bag, Remark, Stream, listed_files, read_bag, storage_files, trouble
 from heli_bags.repair import repair
-from heli_bags.writer import SUFFIXES, BagError
+from heli_bags.storage import storage_of
+from heli_bags.writer import BagError
 from heli_core.errors import FlightError
 from heli_core.rotations import quat_to_R_nb
 from heli_core.rows import NAV, PLANT, REFERENCE
@@ -86,7 +87,7 @@ class FlightPlace:
 
 def _is_bag(path: Path) -> bool:
     if path.is_file():
-        return path.suffix in SUFFIXES.values()
+        return bool(storage_of(path))
     return path.is_dir() and bool(storage_files(path) or listed_files(path))
 
 

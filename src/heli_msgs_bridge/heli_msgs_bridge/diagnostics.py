@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from enum import IntEnum, StrEnum
 from typing import Any
 
+from heli_core.foreign_files import load_json
 from heli_core.ticks import NS_PER_S, TICKS_PER_S
 
 FACT_OFFSET = "reference_offset_ned_m"
@@ -41,18 +42,22 @@ REPEAT_S = 1.0
 """Wall time after which a status is repeated though no tick has passed."""
 
 
+# What a value of a stranger's may lead to; a whole number may be infinite.
+_UNREADABLE = (ValueError, TypeError, KeyError, OverflowError)
+
+
 def offset_of(facts: Mapping[str, str]) -> tuple[float, float, float] | None:
     """The offset that the outer loop tells, NED, m; None if it tells none."""
-    with contextlib.suppress(ValueError, TypeError, KeyError):
-        north, east, down = json.loads(facts[FACT_OFFSET])
+    with contextlib.suppress(*_UNREADABLE):
+        north, east, down = load_json(facts[FACT_OFFSET])
         return float(north), float(east), float(down)
     return None
 
 
 def ways_of(facts: Mapping[str, str]) -> list[tuple[int, int]]:
     """From when on references count, ns, and their keys, as the outer loop tells; none if not."""
-    with contextlib.suppress(ValueError, TypeError, KeyError):
-        return [(int(since_ns), int(key)) for since_ns, key in json.loads(facts[FACT_WAYS])]
+    with contextlib.suppress(*_UNREADABLE):
+        return [(int(since_ns), int(key)) for since_ns, key in load_json(facts[FACT_WAYS])]
     return []
 
 
@@ -166,8 +171,8 @@ def goals_text(answers: Iterable[GoalAnswer]) -> str:
 
 def goals_of(facts: Mapping[str, str]) -> list[GoalAnswer]:
     """The answers that the outer loop tells; none if not."""
-    with contextlib.suppress(ValueError, TypeError, KeyError):
-        answers = [GoalAnswer(**fields) for fields in json.loads(facts[FACT_GOALS])]
+    with contextlib.suppress(*_UNREADABLE):
+        answers = [GoalAnswer(**fields) for fields in load_json(facts[FACT_GOALS])]
         for answer in answers:
             answer.state = GoalState(answer.state)
         return answers

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.foreign_files import read_bytes
 from heli_core.parameters import ParameterError
 
 # -------------------------------------------------------------------------------------------------
@@ -213,6 +214,6 @@ class ChecksumWriter:
 
 
 def read_checksums(path: Path) -> NDArray[np.uint64]:
-    """Sums (N,) in the order of sending; OSError if there are none."""
-    raw = path.read_bytes()
+    """Sums (N,) in the order of sending; FileError if there are none."""
+    raw = read_bytes(path)
     return np.frombuffer(raw[: len(raw) // _SIZE * _SIZE], SUM)

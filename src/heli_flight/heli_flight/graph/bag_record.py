@@ -15,6 +15,7 @@ from heli_bags.reader import Bag, Remark, read_bag
 from heli_bags.writer import BagError
 from heli_core.coverage import A_FEW
 from heli_core.errors import FlightError
+from heli_core.foreign_files import FileError
 from heli_core.rotations import quat_to_R_nb
 from heli_core.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
 from heli_core.ticks import Rate, stamp_at
@@ -333,8 +334,8 @@ def foreign_truth(flight: RecordedTruth, path: Path, rate: Rate, broken_off: boo
         return f"the bag holds no {topics.TRUTH_ODOM}"
     try:
         sent = read_checksums(path)
-    except OSError as error:
-        return f"what the plant sent is not known: {path.name}: {error.strerror or error}"
+    except FileError as error:
+        return f"what the plant sent is not known: {path.name}: {error.problem}"
     ticks, sums = flight.truth_ticks, flight.truth_sums
     known = (ticks >= 0) & (ticks < sent.size)
     matches = np.zeros(ticks.size, dtype=bool)

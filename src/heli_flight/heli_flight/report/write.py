@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes report.html of a flight, and figures/ where they are asked for."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from heli_bags.reader import Remark
 from heli_bags.tools import LogTopic, ulog
+from heli_core.foreign_files import FileError, read_json
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import IMU, REFERENCE
@@ -369,8 +369,8 @@ def with_process_events(
 def _result_beside(folder: Path) -> dict[str, Any]:
     """Content of result.json beside the bag, empty if there is none that can be read."""
     try:
-        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_json(folder / "result.json")
+    except FileError:
         return {}
     return content if isinstance(content, dict) else {}
 

@@ -27,8 +27,16 @@ from scipy import stats
 from scipy.special import betaincinv
 
 from heli_core.errors import ParameterCause
+from heli_core.foreign_files import (
+    FileCause,
+    FileError,
+    open_regular,
+    read_json,
+    too_large,
+    within_budget,
+)
 from heli_core.metrics import BY_KEY, METRICS, PATH
-from heli_core.rcl_yaml import ParameterError
+from heli_core.rcl_yaml import ParameterError, file_refusal
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import FlightOrder, fly_and_write
 from heli_flight.loop import LoopFlight, simulate
@@ -72,6 +80,7 @@ from heli_studies.campaign.workers import Rows
 
 SPEC_NAME, ABOUT_NAME, ROWS, _LOCK = "spec.yaml", "campaign.json", "rows", "lock"
 _PART = "part-{:08d}.parquet"
+_MOST_ROWS, _MOST_COLUMNS = 100_000, 2000
 _TOLD = {"spec": str, "commit": str, "flights": int, "file": str, "flown": dict, "disperse": dict}
 _FLOWN = {
     "kind": str, "scenario": str, "world": str, "gps": str, "laws": str, "sampling": str,
@@ -103,15 +112,12 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
         It holds no campaign (cause UNREADABLE), a damaged one (SYNTAX, TYPE), or a search.
     """
     try:
-        about = json.loads(_text(folder / ABOUT_NAME))
-    except OSError as error:
+        about = read_json(folder / ABOUT_NAME)
+    except FileError as error:
+        missing = error.cause in (FileCause.UNREADABLE, FileCause.NOT_REGULAR)
         raise ParameterError(
-            f"{option}{folder}: holds no campaign: {error}", ParameterCause.UNREADABLE
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise ParameterError(
-            f"{option}{folder}: holds no campaign: {ABOUT_NAME} is damaged: {error}",
-            ParameterCause.SYNTAX,
+            f"{option}{folder}: holds no campaign: {error}",
+            ParameterCause.UNREADABLE if missing else ParameterCause.SYNTAX,
         ) from None
     wrong = _wrong(about, _TOLD) or _wrong(about["flown"], _FLOWN)
     if not wrong and about["flown"]["sampling"] != SEARCH:
@@ -133,19 +139,25 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
     return about
 
 
-def _text(path: Path) -> str:
-    """A file's beginning; a FIFO that nobody writes to holds nobody up."""
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), encoding="utf-8") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(f"{path}: is no file")
-        return file.read(_MOST_CHARACTERS)
-
-
 def _wrong(content: Any, told: Mapping[str, type]) -> str:
     """The first key that is missing or of another kind; empty if there is none."""
     if not isinstance(content, dict):
         return "no keys"
     return next((key for key, kind in told.items() if not isinstance(content.get(key), kind)), "")
+
+
+def _rows_of(part: Path, columns: list[str] | None = None) -> pa.Table:
+    """The rows of a file; ParameterError for one whose index counts more than any of ours has."""
+    try:
+        with open_regular(part) as file, pq.ParquetFile(file) as held:
+            about = held.metadata
+            if about.num_rows > _MOST_ROWS or about.num_columns > _MOST_COLUMNS:
+                raise too_large(f"a table of {about.num_rows} x {about.num_columns}", part)
+            groups = [about.row_group(n) for n in range(about.num_row_groups)]
+            within_budget(sum(group.total_byte_size for group in groups), "a table", part)
+            return held.read(columns)
+    except FileError as error:
+        raise file_refusal(error, part, "rows") from None
 
 
 def _about(spec: Spec, file: Path) -> dict[str, Any]:
@@ -324,11 +336,9 @@ class Store:
         """A file's rows; raises ValueError, OSError or an ArrowException if it is damaged."""
         if part.is_symlink() or not part.is_file():
             raise ValueError("no file")
-        file = pq.ParquetFile(part)
-        most = self.flights
-        if most is not None and file.metadata.num_rows > most:
+        table, most = _rows_of(part), self.flights
+        if most is not None and table.num_rows > most:
             raise ValueError("more rows than flights")
-        table = file.read()
         for name in self.fixed:
             column = table[name] if name in table.column_names else None
             if column is None or column.null_count or not _IS_KIND[name](column.type):

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
+from heli_core.foreign_files import FileError, read_text, read_yaml
 from heli_core.parameters import Parameter
-from heli_core.rcl_yaml import ParameterError, printable
+from heli_core.rcl_yaml import ParameterError, file_refusal, printable
 from heli_dynamics_sim.aircraft import AircraftError, find_aircraft, read_groups
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.flight_file import fault_overrides, write_parameters
@@ -263,6 +264,7 @@ _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 _MOST_FLIGHTS = 1 << 24
 _LEVELS = 5
 _SHOWN = 40
+_LONGEST = 600
 
 
 @dataclass(frozen=True)
@@ -319,7 +321,7 @@ class Spec:
     def identity(self) -> str:
         """What tells this campaign from others: all that decides its rows, SHA-256."""
         content = {key: value for key, value in asdict(self).items() if key != "chunk"}
-        content["params"] = [Path(path).read_text(encoding="utf-8") for path in self.params]
+        content["params"] = [read_text(path) for path in self.params]
         text = json.dumps(content, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -439,13 +441,13 @@ def spec_of(path: Path) -> Spec:
         One line that names the file, the key, its value and what is allowed.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ParameterError(f"{path}: {' '.join(str(error).split())}") from None
+        content = read_yaml(path)
+    except FileError as error:
+        raise file_refusal(error, path, "campaign") from None
     try:
         return _checked(content, path.parent)
     except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from None
+        raise ParameterError(f"{path}: {printable(str(error), _LONGEST)}") from None
 
 
 def _checked(content: Any, folder: Path) -> Spec:
