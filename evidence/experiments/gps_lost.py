@@ -20,7 +20,7 @@ from heli_flight.loop import build, fly_loop, simulate
 from heli_flight.settings import Settings, resolve
 
 WORLDS, RECEIVERS = ("paper", "honest"), ("rtk", "standalone")
-FIXES_S, LOST_S, LANDED_S = 12.0, 30.0, 78.0
+FIXES_S, LOST_S, LANDED_S = 12.0, 30.0, 45.0
 """Fixes for so long; then none, looked at so long after; so long it is flown until it stands."""
 CURVE_S = (2.0, 5.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
 LONG_S = 60.0

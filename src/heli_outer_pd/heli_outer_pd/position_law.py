@@ -207,7 +207,7 @@ def _stand(nav, ref, k, state, out):
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
         slip = scratch(3)
         to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
-        if state.machine[MACHINE.position] != POSITION_VALID:
+        if state.machine[MACHINE.position] != POSITION_VALID or state.x[MEMORY.gone] > 0.5:
             fill(slip, 0.0)
         phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
         theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
