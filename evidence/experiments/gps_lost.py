@@ -78,7 +78,8 @@ def landing(world: str, gps: str, seed: int) -> tuple[dict[str, float | None], A
         down = int(lands[-1]) if record.mode[-1] == "standing" else None
     if down is not None:
         air = int(np.flatnonzero(truth[:, 2] < truth[-1, 2] - _LIFTED_M)[-1])
-        before = air - round(_BEFORE_S * TICKS_PER_S)
+        # It may rock on its skids for a while longer.
+        before = min(air, down) - round(_BEFORE_S * TICKS_PER_S)
         found |= {
             "down_s": float(down - begun) / TICKS_PER_S,
             "away_m": float(np.linalg.norm(truth[-1, :2])),
