@@ -227,7 +227,7 @@ def test_without_gps_and_barometer_it_comes_down_and_never_climbs_away(gps, seed
 def test_a_fix_that_comes_back_is_no_step_of_the_set_point(baro, seed):
     """What the navigation is moved by is flown back, not jumped at."""
     faults = [fault("gps", "loss", 10.0)] + ([fault("baro", "loss", 10.0)] if baro else [])
-    flown = Flown(faults, seed, 30.0, "standalone", "honest")
+    flown = Flown(faults, seed, 30.0, "standalone", "honest", **{"failsafe.land_astray_m": 1e4})
     back = AT + 1000
     step = np.degrees(np.abs(np.diff(flown.record.setpoint[back : back + 300, :2], axis=0)))
     jump = np.diff(flown.record.nav_vel_ned_mps[back : back + 300, :2], axis=0)
@@ -244,10 +244,11 @@ def test_an_outage_that_ends_is_flown_through(seed):
     assert flown.off_m(8300) < 6.0
 
 
-@pytest.mark.parametrize(("gps", "seed"), [("standalone", 15), ("rtk", 6), ("rtk", 3)])
+@pytest.mark.parametrize(("gps", "seed"), [("standalone", 15), ("standalone", 5019), ("rtk", 6)])
 def test_a_receiver_that_is_lost_is_landed_from_where_dead_reckoning_leads(gps, seed):
-    """A receiver whose height was 9 m off, and a gust upwards in which the quick descent was taken
-    for the ground that carries it."""
+    """A receiver whose height was 9 m off; skids that stop a speed that the navigation knows
+    nothing of, which rolled it over; and a gust upwards in which the quick descent was taken for
+    the ground that carries it."""
     flown = Flown([fault("gps", "loss")], seed, BEGIN_S + 30.0, gps, "honest")
     down_s, speed = flown.down()
     assert down_s < (14.0 if gps == "standalone" else 24.0) and speed < 1.2

@@ -225,6 +225,9 @@ there: how the aircraft shakes changes it by less."""
 _GROWTH_S, _BEGINS_S = 0.5, 1.5
 """How fast sigma grows is averaged over the first; a landing takes the second to begin, and to be
 told by the ground that it is over."""
+_LEVEL_M = 1.0
+"""Below this height the lean is held: the skids are 0.25 m below the navigation, which may be some
+decimetres off."""
 _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
@@ -338,6 +341,17 @@ def begin_above(offset_down_m, state):
 def ground_begun_m(state):
     """Where the ground is by where the flight has begun, NED, m."""
     return state.x[MEMORY.ground_m] + state.x[MEMORY.ground_off_m]
+
+
+@njit
+def meets_ground(nav, state):
+    """Whether a landing by dead reckoning is about to end, where the height of the ground is known.
+
+    The skids then stop a speed that the navigation does not know of; it would lean against that.
+    """
+    lands = state.x[MEMORY.gone] > 0.5 and state.x[MEMORY.lands] > 0.5
+    low = ground_begun_m(state) - nav[NAV.pos][2] < _LEVEL_M
+    return lands and low and state.x[MEMORY.ground_known] > 0.5
 
 
 @njit

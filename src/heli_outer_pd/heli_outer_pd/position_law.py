@@ -47,6 +47,7 @@ from heli_outer_pd.position_health import (
     begin_at_height,
     hold_lean,
     look,
+    meets_ground,
     move_reference,
     remember_lean,
     remember_thrust,
@@ -322,7 +323,7 @@ def position_law(nav, ref, k, state, out):
         begin_at_height(nav, ref, state)
         state.machine[MACHINE.altitude] = ALTITUDE_VALID
     move_reference(ref, k, state)
-    if state.machine[MACHINE.position] == POSITION_VALID:
+    if state.machine[MACHINE.position] == POSITION_VALID and not meets_ground(nav, state):
         remember_lean(nav, psi, k, state)
     else:
         hold_lean(nav, ref, c, s, state, d_h)
