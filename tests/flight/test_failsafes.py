@@ -253,7 +253,7 @@ def test_a_receiver_that_is_lost_is_landed_from_where_dead_reckoning_leads(gps, 
     down_s, speed = flown.down()
     assert down_s < (14.0 if gps == "standalone" else 24.0) and speed < 1.2
     pos = flown.record.truth_pos_ned_m
-    assert np.linalg.norm(pos[-1, :2]) < 10.0 and flown.record.nav_sigma_vel_mps[-1].max() > 0.5
+    assert np.linalg.norm(pos[-1, :2]) < 10.0
     # It is on the ground where it stands.
     assert pos[AT + round(100 * down_s), 2] > -0.5
 
