@@ -68,7 +68,7 @@ def landing(world: str, gps: str, seed: int) -> tuple[dict[str, float | None], A
     """
     flight = simulate(settings(world, gps, seed, FIXES_S + LANDED_S, True, True))
     record, begun = flight.record, round(FIXES_S * TICKS_PER_S)
-    truth, vel, down = record.truth_pos_ned_m, record.truth_vel_ned_mps, None
+    pos, vel, down = record.truth_pos_ned_m, record.truth_vel_ned_mps, None
     found: dict[str, float | None] = dict.fromkeys(("landing_s", "down_s", "away_m", "sink_mps",
                                                     "sideways_mps"))  # fmt: skip
     found["lost"] = float(bool(flight.status))
@@ -77,16 +77,16 @@ def landing(world: str, gps: str, seed: int) -> tuple[dict[str, float | None], A
         found["landing_s"] = float(lands[0] - begun) / TICKS_PER_S
         down = int(lands[-1]) if record.mode[-1] == "standing" else None
     if down is not None:
-        air = int(np.flatnonzero(truth[:, 2] < truth[-1, 2] - _LIFTED_M)[-1])
+        air = int(np.flatnonzero(pos[:, 2] < pos[-1, 2] - _LIFTED_M)[-1])
         # It may rock on its skids for a while longer.
         before = min(air, down) - round(_BEFORE_S * TICKS_PER_S)
         found |= {
             "down_s": float(down - begun) / TICKS_PER_S,
-            "away_m": float(np.linalg.norm(truth[-1, :2])),
+            "away_m": float(np.linalg.norm(pos[-1, :2])),
             "sink_mps": float(np.abs(vel[before : down + 1, 2]).max()),
             "sideways_mps": float(np.linalg.norm(vel[before, :2])),
         }
-    return found, truth[:, :2]
+    return found, pos[:, :2]
 
 
 @over(world=WORLDS, gps=RECEIVERS)
