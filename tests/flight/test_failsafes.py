@@ -7,6 +7,7 @@ Hover at 10 m in the paper's wind; the fault begins at 12 s.
 import numpy as np
 import pytest
 
+from evidence.experiments import gps_lost
 from heli_flight import loop as closed_loop
 from heli_flight.settings import resolve
 from heli_observer import layout as L
@@ -226,7 +227,7 @@ def test_without_gps_and_barometer_it_comes_down_and_never_climbs_away(gps, seed
 def test_a_fix_that_comes_back_is_no_step_of_the_set_point(baro, seed):
     """What the navigation is moved by is flown back, not jumped at."""
     faults = [fault("gps", "loss", 10.0)] + ([fault("baro", "loss", 10.0)] if baro else [])
-    flown = Flown(faults, seed, 30.0, "standalone", "honest")
+    flown = Flown(faults, seed, 30.0, "standalone", "honest", **{"failsafe.land_astray_m": 1e4})
     back = AT + 1000
     step = np.degrees(np.abs(np.diff(flown.record.setpoint[back : back + 300, :2], axis=0)))
     jump = np.diff(flown.record.nav_vel_ned_mps[back : back + 300, :2], axis=0)
@@ -236,9 +237,34 @@ def test_a_fix_that_comes_back_is_no_step_of_the_set_point(baro, seed):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_an_outage_that_ends_is_flown_through(seed):
-    flown = Flown([fault("gps", "loss", 10.0)], seed, 40.0)
+    """Of a receiver that had the time to teach the filter its tilt and biases."""
+    lost = "{what: gps, kind: loss, start_s: 60.0, duration_s: 10.0}"
+    flown = Flown([lost], seed, 88.0)
     assert flown.observer_status is ObserverStatus.OK and flown.record.mode is None
-    assert flown.off_m(3500) < 6.0
+    assert flown.off_m(8300) < 6.0
+
+
+@pytest.mark.parametrize(("gps", "seed"), [("standalone", 15), ("standalone", 5019), ("rtk", 6)])
+def test_a_receiver_that_is_lost_is_landed_from_where_dead_reckoning_leads(gps, seed):
+    """A receiver whose height was 9 m off; skids that stop a speed that the navigation knows
+    nothing of, which rolled it over; and a gust upwards in which the quick descent was taken for
+    the ground that carries it."""
+    flown = Flown([fault("gps", "loss")], seed, BEGIN_S + 30.0, gps, "honest")
+    down_s, speed = flown.down()
+    assert down_s < (14.0 if gps == "standalone" else 24.0) and speed < 1.2
+    pos = flown.record.truth_pos_ned_m
+    assert np.linalg.norm(pos[-1, :2]) < 10.0
+    # It is on the ground where it stands.
+    assert pos[AT + round(100 * down_s), 2] > -0.5
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("gps", ["standalone", "rtk"])
+@pytest.mark.parametrize("world", ["paper", "honest"])
+def test_of_forty_that_lose_their_receiver_the_worst_stays_within_reach(world, gps):
+    """Seeds that neither were tuned on nor are published."""
+    off_m = [gps_lost.landing(world, gps, seed)[1][-1] for seed in range(7001, 7041)]
+    assert np.linalg.norm(off_m, axis=1).max() < 1.2 * gps_lost.GOAL_M
 
 
 @pytest.mark.parametrize("two", [False, True])

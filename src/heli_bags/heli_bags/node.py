@@ -60,7 +60,7 @@ class ConfiguredRecorder:
         Per latched topic, what has two subscriptions.
     owners : dict of PublisherLock
         Per stream whose messages are recorded.
-    voices : DiagnosticSenders
+    diagnostic_senders : DiagnosticSenders
         Who speaks in /diagnostics.
     restarts : Restarts
         Which nodes were started again.

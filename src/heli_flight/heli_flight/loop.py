@@ -76,7 +76,7 @@ from heli_outer_pd.manual_controller import manual_deflections
 from heli_outer_pd.modes import LANDING
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_health import answer
+from heli_outer_pd.position_health import answer, begin_above
 from heli_outer_pd.python_controller import OwnPositionLaw
 from heli_outer_pd.reference import ReferenceLimits, fill_offset, move
 from heli_outer_pd.script import script_of
@@ -256,6 +256,7 @@ def navigate(loop, links, tick, times_ns, points):
         offset = scratch(3)
         fill_offset(outer_nav[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
         move(points, offset)
+        begin_above(offset[2], loop.outer_s)
         loop.anchor[0], loop.anchor[1] = 0, tick
 
 

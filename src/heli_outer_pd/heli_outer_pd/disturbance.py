@@ -303,8 +303,14 @@ def leave(vel, v_down, phi, theta, k, state):
 @njit
 def hover_share(d_col, k):
     """Thrust of a collective in still air as a share of that of hover."""
+    return sinking_share(d_col, 0.0, k)
+
+
+@njit
+def sinking_share(d_col, down_mps, k):
+    """The same in a descent (m/s), whose air through the rotor adds to its thrust."""
     thrust = trim_thrust(k)
-    return thrust_for_collective(d_col, 0.0, thrust, k.trim[SETPOINT.col], k.rotor) / thrust
+    return thrust_for_collective(d_col, down_mps, thrust, k.trim[SETPOINT.col], k.rotor) / thrust
 
 
 @njit

@@ -203,8 +203,9 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "for 2 s", 8.0, Action.NOTE, "calm, as above; full gains hold what the other axes "
              "can, a landing would cost the aircraft",
              "attitude not followed: a servo may be stuck"),
-    Failsafe(Condition.POSITION_ASTRAY, "outer loop: sigma of the horizontal velocity, summed up "
-             "since the last fix, over `failsafe.land_astray_m`", 25.0, Action.LAND,
+    Failsafe(Condition.POSITION_ASTRAY, "outer loop: no fix for `failsafe.land_silent_s`, and "
+             "sigma of the horizontal velocity, summed up since the last one and carried on to the "
+             "ground, over `failsafe.land_astray_m`", 15.0, Action.LAND,
              "what comes back in the descent is used; the landing goes on", "position astray"),
     Failsafe(Condition.ALTITUDE_LOST, "outer loop: sigma of the vertical velocity over "
              "`land.blind_sigma_down_mps`, half of it in a landing", 60.0, Action.LAND_BY_THRUST,

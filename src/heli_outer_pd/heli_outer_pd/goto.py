@@ -30,6 +30,7 @@ from heli_outer_pd.guidance.transfer import MotionLimits
 from heli_outer_pd.manual import StickNumbers
 from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, foreseen_ns
+from heli_outer_pd.state import OuterParams
 
 # -------------------------------------------------------------------------------------------------
 # Goto.
@@ -277,6 +278,8 @@ def outside(beyond_m: float, otherwise: str) -> str:
 
 _BELOW_M = 10.0
 """A descent goes so far below the ground as it is remembered."""
+_PIECE_NS = NS_PER_S // 10
+"""A descent whose speed changes is made of pieces so long."""
 _FAST_MPS, _SLOW_MPS = 0.7, 0.3
 """Where position or altitude are doubtful: its speed at most, as the ground may be met anywhere,
 and that of its last part at least, as an error of the speed must not keep it in the air."""
@@ -376,6 +379,48 @@ def trajectory_down(
     fast_m = max(ground_down_m - n.slow_below_m - pos[2], 0.0)
     slow_m = max(ground_down_m - pos[2] - fast_m, 0.0) + _BELOW_M
     return _legs(pos, psi, [(fast, fast_m), (slow, slow_m)], now_ns, start_ns)
+
+
+def trajectory_quickly_down(
+    n: PhaseNumbers,
+    hover: Trajectory,
+    ground_down_m: float,
+    k: OuterParams,
+    now_ns: int,
+    start_ns: int,
+    known: bool,
+) -> Trajectory:
+    """From where a trajectory ends down by dead reckoning: the nearer the ground the slower.
+
+    Parameters
+    ----------
+    n, hover, ground_down_m, now_ns, start_ns
+        As for `trajectory_down`.
+    k : OuterParams
+        Its speeds.
+    known : bool
+        Whether the height of the ground is: else it may be met anywhere.
+    """
+    (fast, touch, feel), least_s = k.quick_mps.tolist(), _PIECE_NS / NS_PER_S
+    if not known:
+        fast = touch = feel
+    point, speed, times, points = hover.points[-1].copy(), 0.0, [now_ns - start_ns], []
+    last_m = max(fast - touch, 0.0) * k.flare_s
+    while (height := ground_down_m - float(point[REFERENCE.pos][2])) > 0.0:
+        speed = min(speed + n.descent.acceleration_mps2 * least_s, touch + height / k.flare_s, fast)
+        lasts_s = max((height - last_m) / speed, least_s) if speed == fast else least_s
+        point[REFERENCE.vel] = 0.0, 0.0, speed
+        points.append(point.copy())
+        times.append(times[-1] + round(lasts_s * NS_PER_S))
+        point[REFERENCE.pos] += lasts_s * point[REFERENCE.vel]
+    # On through where the ground should be.
+    point[REFERENCE.vel] = 0.0, 0.0, touch
+    points.append(point.copy())
+    times.append(times[-1] + round(_BELOW_M / touch * NS_PER_S))
+    point[REFERENCE.pos] += _BELOW_M / touch * point[REFERENCE.vel]
+    point[REFERENCE.vel] = 0.0
+    points.append(point)
+    return Trajectory(start_ns, np.array(times), np.array(points))
 
 
 def _legs(

@@ -44,7 +44,7 @@ from heli_outer_pd.manual_controller import with_manual
 from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
 from heli_outer_pd.phases import ActiveOuterLoop, Phases
-from heli_outer_pd.position_health import answer, flown_in_words
+from heli_outer_pd.position_health import answer, begin_above, flown_in_words
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.python_controller import OwnPositionLaw, own_law
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, moved, offset_to, warm_up
@@ -456,6 +456,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 core.nav[NAV.pos], stamp_ns - planned.start_ns, planned.times_ns, planned.points
             )
             core.trajectory = moved(planned, core.offset_ned_m)
+            begin_above(core.offset_ned_m[2], core.state)
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core

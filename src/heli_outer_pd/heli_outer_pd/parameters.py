@@ -201,9 +201,19 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.2, upper=2.0),
     _row("failsafe.land_after_s", "double", "With its position lost for so long it lands by itself;"
          " what is found again before goes on", "s", lower=1.0, upper=3600.0),
-    _row("failsafe.land_astray_m", "double", "Or once it is likely (one sigma, each axis) that it "
-         "has gone astray by so much since the last fix that was fused", "m", lower=0.5,
-         upper=1e4),
+    _row("failsafe.land_astray_m", "double", "Or once it is likely (one sigma, each axis) that "
+         "when it is down it will have gone astray by so much since the last fix that was fused",
+         "m", lower=0.5, upper=1e4),
+    _row("failsafe.land_silent_s", "double", "But not before no fix was fused for so long", "s",
+         lower=1.0, upper=3600.0),
+    _row("failsafe.descent_mps", "double", "Largest speed of the landing by dead reckoning", "m/s",
+         lower=0.2, upper=3.0),
+    _row("failsafe.touch_down_mps", "double", "Its speed at the ground", "m/s", lower=0.1,
+         upper=1.0),
+    _row("failsafe.flare_s", "double", "In its last part the speed above that is the height over "
+         "this time", "s", lower=0.5, upper=30.0),
+    _row("failsafe.feel_mps", "double", "Its speed all the way where the height of the ground is "
+         "not known", "m/s", lower=0.1, upper=1.5),
     _row("failsafe.unfollowed_deg", "double[]", "Attitude swings about what the attitude loop "
          "should have made of its command, standard deviation of a second, pitch and roll: with "
          "more it flies softly", "deg", shape=(2,), lower=1.0, upper=180.0),
@@ -311,6 +321,11 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         blind_sigma=p["land.blind_sigma_mps"],
         land_after_s=p["failsafe.land_after_s"],
         land_astray_m=p["failsafe.land_astray_m"],
+        land_silent_s=p["failsafe.land_silent_s"],
+        quick_mps=np.array(
+            [p[f"failsafe.{name}_mps"] for name in ("descent", "touch_down", "feel")]
+        ),
+        flare_s=p["failsafe.flare_s"],
         blind_sigma_down=p["land.blind_sigma_down_mps"],
         blind_descent_mps=p["land.blind_descent_mps"],
         unfollowed=np.radians(np.asarray(p["failsafe.unfollowed_deg"], float)),

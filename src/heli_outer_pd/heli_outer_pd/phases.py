@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.rotations import euler_from_quat
-from heli_core.rows import NAV, SETPOINT
+from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
-from heli_outer_pd.disturbance import flyable, hover_share
+from heli_outer_pd.disturbance import flyable, hover_share, sinking_share
 from heli_outer_pd.goto import (
     WIND,
     Goto,
@@ -27,6 +27,7 @@ from heli_outer_pd.goto import (
     left,
     trajectory_down,
     trajectory_here,
+    trajectory_quickly_down,
     trajectory_up,
 )
 from heli_outer_pd.manual import (
@@ -41,10 +42,11 @@ from heli_outer_pd.manual import (
 )
 from heli_outer_pd.modes import STEERED as BY_STICKS
 from heli_outer_pd.modes import Command, Fact, Guard, Phase, Refusal, decide
-from heli_outer_pd.position_health import health_fact, well_known
+from heli_outer_pd.position_health import ground_begun_m, health_fact, well_known
 from heli_outer_pd.reference import ReferenceLimits
 from heli_outer_pd.script import Scripted, ScriptRunner
 from heli_outer_pd.state import (
+    ALTITUDE_VALID,
     FLIES,
     LEAVES,
     MACHINE,
@@ -170,6 +172,7 @@ class IntoWind:
             high = ground_down_m - nav[NAV.pos][2] > 0.5 * n.slow_below_m
             wanted = n.land_heading == WIND and high
         known = flyable(nav) and well_known(nav, flight.params, state)
+        known = known and state.x[MEMORY.gone] < 0.5
         if fresh or not wanted or planned is None or not known:
             self.rest(now_ns)
             return planned
@@ -369,6 +372,7 @@ class Phases:
             self.trajectory = trajectory_here(nav, self._start_ns)
             self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
             self._state.x[MEMORY.ground_m] = self.ground_down_m
+            self._state.x[MEMORY.ground_known] = float(self.phase.on_ground)
         fenced = flyable(nav) and not self.lost and self.params.hold_horizontal > 0.5
         place = nav[NAV.pos], self.home_ned_m, self.ground_down_m
         self.fence_distance_m = self.numbers.fence.fence_distance_m(*place) if fenced else 0.0
@@ -434,7 +438,7 @@ class Phases:
             case Phase.HALTING | Phase.TRAJECTORY:
                 return Fact.ARRIVED if self._is_over(now_ns) else None
             case Phase.DESCENDING:
-                return Fact.TOUCHED_DOWN if self._touched_down(nav, out) else None
+                return Fact.TOUCHED_DOWN if self._touched_down(now_ns, nav, out) else None
             case Phase.VELOCITY:
                 silent = now_ns - self.cruise_ns > self.numbers.sticks.timeout_ns
                 return Fact.SILENT if silent else None
@@ -468,9 +472,13 @@ class Phases:
             return None
         return Fact.ARRIVED if self._is_over(now_ns) else None
 
-    def _touched_down(self, nav: Array, out: Array) -> bool:
+    def _touched_down(self, now_ns: int, nav: Array, out: Array) -> bool:
         """It has not fallen, though the thrust no longer carries it."""
-        k, share = self.params, float(hover_share(out[SETPOINT.col], self.params))
+        k, quick_mps = self.params, 0.0
+        if self._reckons and self.trajectory is not None:
+            # Fast, it needs less collective for the same thrust: nothing else carries it.
+            quick_mps = float(self.trajectory.at(now_ns)[REFERENCE.down_vel])
+        share = float(sinking_share(out[SETPOINT.col], quick_mps, k))
         return self._contact.detects(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
 
     def _at(self, now_ns: int, nav: Array) -> FlightMoment:
@@ -525,9 +533,7 @@ class Phases:
                 )  # fmt: skip
                 self.cruise_ns = now_ns
             case Phase.DESCENDING:
-                self.trajectory = trajectory_down(
-                    n, self.trajectory, self.ground_down_m, now_ns, self._start_ns, self.gone
-                )
+                self.trajectory = self._way_down(self.trajectory, now_ns)
                 self._state.x[MEMORY.ground_m] = self.ground_down_m
                 carried = float(
                     hover_share(self._state.x[MEMORY.command][SETPOINT.col], self.params)
@@ -548,6 +554,35 @@ class Phases:
         if reacquired:
             self._state.machine[MACHINE.position] = POSITION_VALID
         self._now(phase, event, now_ns)
+        if event == Fact.BLIND_LONG and self._reckons and self._rests(before, now_ns):
+            # Nothing to halt, and each second of dead reckoning counts.
+            self._enter(Phase.DESCENDING, Fact.ARRIVED, now_ns, nav)
+
+    @property
+    def _reckons(self) -> bool:
+        """Whether it should land while dead reckoning still holds its place."""
+        machine = self._state.machine
+        return bool(
+            self._state.x[MEMORY.gone] > 0.5
+            and machine[MACHINE.altitude] == ALTITUDE_VALID
+            and machine[MACHINE.rotor] == ROTOR_DRIVEN
+            and not self.lost
+        )
+
+    def _rests(self, way: Trajectory, now_ns: int) -> bool:
+        """Whether a way stands still for as long as the law averages it about now."""
+        around = np.linspace(-1.0, 1.0, 9) * self.goto.shaping_ns
+        rows = np.array([way.at(now_ns + round(offset)) for offset in around])
+        return not bool(np.ptp(rows, axis=0).any())
+
+    def _way_down(self, hover: Trajectory, now_ns: int) -> Trajectory:
+        """From where a way ends down; quickly where the place is held by dead reckoning."""
+        n, ground = self.numbers, self.ground_down_m
+        if self._reckons:
+            k, known = self.params, self._state.x[MEMORY.ground_known] > 0.5
+            begun = float(ground_begun_m(self._state))
+            return trajectory_quickly_down(n, hover, begun, k, now_ns, self._start_ns, known)
+        return trajectory_down(n, hover, ground, now_ns, self._start_ns, self.gone)
 
     def _now(self, phase: Phase, event: Command | Fact, now_ns: int) -> None:
         if phase != self.phase or phase not in _RENEWED:

@@ -222,6 +222,12 @@ _SETTLES_S = 2.0
 _FUSED = 0.94
 """Sigma falls to less than so much of it where a fix is fused, several times a second, and only
 there: how the aircraft shakes changes it by less."""
+_GROWTH_S, _BEGINS_S = 0.5, 1.5
+"""How fast sigma grows is averaged over the first; a landing takes the second to begin, and to be
+told by the ground that it is over."""
+_LEVEL_M = 1.0
+"""Below this height the lean is held: the skids are 0.25 m below the navigation, which may be some
+decimetres off."""
 _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
@@ -326,16 +332,71 @@ def well_known(nav, k, state):
 
 
 @njit
-def _count(sigma, last, along, k, state):
+def begin_above(offset_down_m, state):
+    """The reference was moved, NED, m, to where the flight begins: it says how high that is."""
+    state.x[MEMORY.ground_off_m], state.x[MEMORY.ground_known] = offset_down_m, 1.0
+
+
+@njit
+def ground_begun_m(state):
+    """Where the ground is by where the flight has begun, NED, m."""
+    return state.x[MEMORY.ground_m] + state.x[MEMORY.ground_off_m]
+
+
+@njit
+def meets_ground(nav, state):
+    """Whether a landing by dead reckoning is about to end, where the height of the ground is known.
+
+    The skids then stop a speed that the navigation does not know of; it would lean against that.
+    """
+    lands = state.x[MEMORY.gone] > 0.5 and state.x[MEMORY.lands] > 0.5
+    low = ground_begun_m(state) - nav[NAV.pos][2] < _LEVEL_M
+    return lands and low and state.x[MEMORY.ground_known] > 0.5
+
+
+@njit
+def time_down_s(height_m, known, k):
+    """Time (s) that a landing by dead reckoning takes from a height (m), at rest, to the ground.
+
+    `known`: whether the height of the ground is.
+    """
+    height, fast, touch = max(height_m, 0.0), k.quick_mps[0], k.quick_mps[1]
+    if not known:
+        return height / k.quick_mps[2] + _BEGINS_S
+    last_m = max(fast - touch, 0.0) * k.flare_s
+    last = k.flare_s * math.log1p(min(height, last_m) / (touch * k.flare_s))
+    return last + max(height - last_m, 0.0) / fast + _BEGINS_S
+
+
+@njit
+def _count(nav, sigma, last, along, k, state):
     """For how long no position is known, how far that has led astray; and whether it should land.
 
-    Counted where a reference is flown: by hand the pilot decides.
+    Counted where a reference is flown: by hand the pilot decides. The velocity's sigma is carried
+    on to the ground as it grows now; what is far enough to land for is so until a fix is fused.
     """
     lost = state.machine[MACHINE.position] == POSITION_LOST
     state.x[MEMORY.lost_s] += k.dt_s if lost and along else -state.x[MEMORY.lost_s]
-    fused = not along or sigma < _FUSED * last or sigma < _JUMPS * k.blind_sigma
-    state.x[MEMORY.astray_m] += -state.x[MEMORY.astray_m] if fused else k.dt_s * sigma
-    long = state.x[MEMORY.lost_s] > k.land_after_s or state.x[MEMORY.astray_m] > k.land_astray_m
+    before = state.x[MEMORY.sigmas]
+    # A vibration makes sigma rise and fall again; a fix makes it fall.
+    fell = sigma < _FUSED * min(last, before[0], before[1])
+    before[1], before[0] = before[0], last
+    fused = not along or fell or sigma < _JUMPS * k.blind_sigma
+    if fused:
+        state.x[MEMORY.astray_m] = state.x[MEMORY.silent_s] = state.x[MEMORY.growth_mps2] = 0.0
+    else:
+        state.x[MEMORY.astray_m] += k.dt_s * sigma
+        state.x[MEMORY.silent_s] += k.dt_s
+        grows = (sigma - last) / k.dt_s - state.x[MEMORY.growth_mps2]
+        state.x[MEMORY.growth_mps2] += k.dt_s / _GROWTH_S * grows
+    known = state.x[MEMORY.ground_known] > 0.5
+    down_s = time_down_s(ground_begun_m(state) - nav[NAV.pos][2], known, k)
+    ahead_m = down_s * (sigma + 0.5 * down_s * max(state.x[MEMORY.growth_mps2], 0.0))
+    far = state.x[MEMORY.astray_m] + ahead_m > k.land_astray_m
+    far = far and state.x[MEMORY.silent_s] > k.land_silent_s
+    if far:
+        state.x[MEMORY.astray_m] = max(state.x[MEMORY.astray_m], k.land_astray_m)
+    long = far or state.x[MEMORY.lost_s] > k.land_after_s
     state.x[MEMORY.gone] = 1.0 if long or state.machine[MACHINE.altitude] != ALTITUDE_VALID else 0.0
 
 
@@ -374,7 +435,7 @@ def _look(nav, k, state):
     else:
         state.machine[MACHINE.altitude] = ALTITUDE_VALID
         fill(state.x[MEMORY.shift], 0.0)
-    _count(sigma, last, along, k, state)
+    _count(nav, sigma, last, along, k, state)
     if sigma > k.blind_sigma:
         state.machine[MACHINE.position] = POSITION_LOST
         if along and before == POSITION_VALID:

@@ -47,6 +47,7 @@ from heli_outer_pd.position_health import (
     begin_at_height,
     hold_lean,
     look,
+    meets_ground,
     move_reference,
     remember_lean,
     remember_thrust,
@@ -207,7 +208,7 @@ def _stand(nav, ref, k, state, out):
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
         slip = scratch(3)
         to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
-        if state.machine[MACHINE.position] != POSITION_VALID:
+        if state.machine[MACHINE.position] != POSITION_VALID or state.x[MEMORY.gone] > 0.5:
             fill(slip, 0.0)
         phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
         theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
@@ -322,7 +323,7 @@ def position_law(nav, ref, k, state, out):
         begin_at_height(nav, ref, state)
         state.machine[MACHINE.altitude] = ALTITUDE_VALID
     move_reference(ref, k, state)
-    if state.machine[MACHINE.position] == POSITION_VALID:
+    if state.machine[MACHINE.position] == POSITION_VALID and not meets_ground(nav, state):
         remember_lean(nav, psi, k, state)
     else:
         hold_lean(nav, ref, c, s, state, d_h)

@@ -92,7 +92,7 @@ def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
 
 
 class OuterStateRow(NamedTuple):
-    """Numbers of the law's state (80,)."""
+    """Numbers of the law's state (86,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -152,7 +152,12 @@ class OuterStateRow(NamedTuple):
     slow_s: int = 77  # too slow for so long
     driven_s: int = 78  # near the governed speed for so long
     still_s: int = 79  # it does not sink any more for so long
-    size: int = 80
+    silent_s: int = 80  # no fix has been fused for so long
+    growth_mps2: int = 81  # by which sigma of the horizontal velocity grows meanwhile
+    sigmas: slice = slice(82, 84)  # of the horizontal velocity two and three steps ago, m/s
+    ground_known: int = 84  # 1.0: by where the flight began, not by the receiver alone
+    ground_off_m: int = 85  # the reference was moved by so much to where it began, and the ground
+    size: int = 86
 
 
 MEMORY = OuterStateRow()
@@ -192,7 +197,7 @@ ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 class OuterState(NamedTuple):
     """State of the law, changed in place."""
 
-    x: np.ndarray  # (80,) places of `MEMORY`
+    x: np.ndarray  # (86,) places of `MEMORY`
     machine: np.ndarray  # (5,) int64, places of `MACHINE`
 
     def copy(self) -> "OuterState":
@@ -247,7 +252,10 @@ class OuterParams(NamedTuple):
     lead_filter_s: float
     blind_sigma: float  # m/s, of the horizontal velocity: with more its position is not known
     land_after_s: float  # without a position it lands after so long
-    land_astray_m: float  # or once sigma of the way since the last fix is so much
+    land_astray_m: float  # or once sigma of the way since the last fix would be so much on ground
+    land_silent_s: float  # but not before no fix has come for so long
+    quick_mps: np.ndarray  # (3,) m/s: speed of that landing, at the ground, and where that may be
+    flare_s: float  # height over what is faster than at the ground in its last part
     blind_sigma_down: float  # m/s, of the vertical velocity: with more that is not known
     blind_descent_mps: float  # it then descends so
     unfollowed: np.ndarray  # (2,) rad, pitch and roll: with more swing it is not followed

@@ -12,7 +12,7 @@ from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Fact, Guard, Phase, Refusal, parameters, position_law
 from heli_outer_pd.failsafes import Action
-from heli_outer_pd.goto import Goto, PhaseNumbers
+from heli_outer_pd.goto import Goto, PhaseNumbers, trajectory_quickly_down
 from heli_outer_pd.guidance.paths import FlightPath
 from heli_outer_pd.modes import LANDING
 from heli_outer_pd.node import OuterLoopNode
@@ -23,6 +23,7 @@ from heli_outer_pd.position_health import (
     health_fact,
     plight,
     sigma_of_speed,
+    time_down_s,
 )
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused
@@ -38,6 +39,7 @@ from heli_outer_pd.state import (
 VALUES = OuterLoopNode.SPEC.resolve()
 LIMIT = VALUES["land.blind_sigma_mps"]
 STEP_NS = NS_PER_S // 25
+NEVER = {"failsafe.land_astray_m": 1e4}
 WIND_NED = np.array([0.3, -1.2, 0.0])  # what pushes, m/s2
 
 
@@ -148,8 +150,7 @@ def test_a_way_that_is_flown_is_braked_by_what_the_reference_decelerates():
     """From 3 m/s: the sum of what is commanded beyond the lean takes it to rest."""
     path = FlightPath(np.array([0.0, 0.0, -10.0]), 0.0, Goto.from_parameters(VALUES).limits)
     way = path.go_to(np.array([60.0, 0.0, -10.0])).trajectory()
-    never = {"failsafe.land_astray_m": 1e4}
-    flight, at_ns = Flight(way=way, psi=0.0, **never), 10 * NS_PER_S
+    flight, at_ns = Flight(way=way, psi=0.0, **NEVER), 10 * NS_PER_S
     while flight.now_ns < at_ns:
         row = way.at(flight.now_ns)
         flight.nav[NAV.pos], flight.nav[NAV.vel] = row[:3], row[3:6]
@@ -191,7 +192,7 @@ def test_commands_that_need_a_position_are_refused_and_a_landing_is_not():
 @pytest.mark.parametrize(("phase", "command"), [(Phase.HOVER, None), (Phase.HALTING, Command.LAND)])
 def test_what_is_found_again_is_flown_from_where_it_is_without_a_step(phase, command):
     """The fix moves position, altitude and velocity at once."""
-    flight = hovering()
+    flight = hovering(**NEVER)
     for _ in range(50):
         flight.step(2.0 * LIMIT)
     if command is not None:
@@ -229,19 +230,79 @@ def test_what_is_lost_for_long_is_landed_without_being_told(lost_s):
         assert flight.phases.phase == Phase.HOVER
 
 
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("fix", [False, True])
-def test_what_dead_reckoning_leads_astray_lands(fix):
-    """Long before the position counts as lost; a fix in time ends the count."""
-    flight, sigma = hovering(), 0.4 * LIMIT
-    steps = round(flight.k.land_astray_m / sigma / flight.k.dt_s)
+def test_what_dead_reckoning_leads_astray_lands(fix, known):
+    """Long before the position counts as lost, and so early that it is down before it is too far;
+    a fix in time ends the count."""
+    flight, sigma = hovering(), 0.16 * LIMIT
+    flight.state.x[MEMORY.ground_known] = known
+    left_m = flight.k.land_astray_m - sigma * time_down_s(10.0, known, flight.k)
+    steps = round(left_m / sigma / flight.k.dt_s)
+    assert steps * flight.k.dt_s > 10.0
     for step in range(steps + 5):
         flight.step(0.5 * sigma if fix and step == steps // 2 else sigma)
         assert not flight.phases.lost
         assert step > steps - 5 or flight.phases.phase not in LANDING
-    assert (flight.phases.phase in LANDING) != fix
+    # It stands still: there is nothing to halt.
+    assert (flight.phases.phase == Phase.DESCENDING) != fix
     sentence = flown_in_words(flight.phases.phase, flight.state, "")
     assert sentence.startswith("position astray") != fix
     assert answer(flight.phases.phase, flight.state) == (Action.NONE if fix else Action.LAND)
+
+
+def test_a_sigma_that_grows_lands_earlier_and_a_gap_of_a_second_does_not():
+    began_s = []
+    for grows in (0.0, 0.02):
+        flight, steps = hovering(), 0
+        while flight.phases.phase not in LANDING:
+            flight.step(0.16 * LIMIT + grows * steps * flight.k.dt_s)
+            steps += 1
+        began_s.append(steps * flight.k.dt_s)
+    assert began_s[1] < 0.5 * began_s[0]
+    flight = hovering()
+    for _ in range(round(flight.k.land_silent_s / flight.k.dt_s) - 1):
+        flight.step(0.9 * LIMIT)
+    assert flight.phases.phase not in LANDING and flight.state.x[MEMORY.astray_m] > 0.5
+
+
+def test_what_vibration_does_to_sigma_is_no_fix():
+    flight = hovering()
+    for step in range(40):
+        flight.step(0.16 * LIMIT * (1.08 if step % 4 == 2 else 1.0))
+    assert flight.state.x[MEMORY.silent_s] == pytest.approx(40 * flight.k.dt_s)
+    flight.step(0.16 * LIMIT * 0.9)
+    assert flight.state.x[MEMORY.silent_s] == 0.0
+
+
+def quick(height_m, known):
+    """The way down by dead reckoning, from now on."""
+    k, hover = hovering().k, Trajectory.hover(np.array([1.0, 2.0, -height_m]), 0.3)
+    return trajectory_quickly_down(PhaseNumbers.from_parameters(VALUES), hover, 0.0, k, 0, 0, known)
+
+
+@pytest.mark.parametrize("height_m", [1.0, 10.0, 400.0])
+@pytest.mark.parametrize("known", [False, True])
+def test_the_quick_way_down_is_slow_where_the_ground_may_be(known, height_m):
+    way, k = quick(height_m, known), hovering().k
+    down_s = np.interp(0.0, way.points[:, 2], way.times_ns) / NS_PER_S
+    foreseen_s = time_down_s(height_m, known, k) - time_down_s(0.0, known, k)
+    assert foreseen_s == pytest.approx(down_s, abs=0.8)
+    speed, heights = way.points[:-1, REFERENCE.down_vel], -way.points[:-1, 2]
+    fast, touch, feel = k.quick_mps
+    assert speed.max() <= (fast if known else feel) + 1e-9
+    late = speed[heights <= 1e-9]
+    np.testing.assert_allclose(late, touch if known else feel)
+    if known:
+        assert (speed <= touch + np.maximum(heights, 0.0) / k.flare_s + 1e-9).all()
+
+
+def test_the_quick_way_down_can_be_halted_anywhere():
+    """A stop that lasts a whole number of steps but for rounding had two way points at one time."""
+    goto, way = Goto.from_parameters(VALUES), quick(10.0, True)
+    for now_ns in range(0, 8 * NS_PER_S, STEP_NS):
+        halted = goto.halt(way, now_ns)
+        assert not halted.points[-1, REFERENCE.vel].any()
 
 
 def test_a_fix_after_a_gap_is_flown_back_to_without_a_step():
@@ -283,7 +344,7 @@ def test_near_the_ground_it_stays_blind():
 
 def test_a_landing_that_has_nearly_lost_it_begins_anew_and_a_hover_does_not():
     for command in (None, Command.LAND):
-        flight = hovering()
+        flight = hovering(**NEVER)
         if command is not None:
             flight.ask(command)
         for _ in range(60):

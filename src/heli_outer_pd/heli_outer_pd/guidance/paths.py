@@ -256,7 +256,7 @@ class FlightPath:
             end = now + piece.duration_s
             if piece.where is not None:
                 # The last one is the next piece's first.
-                inner = np.arange(1, math.ceil(piece.duration_s / STEP_S - 1e-9)) * STEP_S
+                inner = np.arange(1, math.ceil(piece.duration_s / STEP_S - 1e-6)) * STEP_S
                 times += (now + inner).tolist()
                 places += [piece.where(time) for time in inner.tolist()]
                 last = piece.where(piece.duration_s)
