@@ -34,6 +34,7 @@ CALLED_BY_OTHERS = {
 SET_FOR_OTHERS = {
     "unraisablehook": "sys", "CACHE_DIR": "numba.config", "tempdir": "tempfile",
     "_protected_args": "typer.Context", "handlers": "logging.Logger",
+    "STORAGE_PLUGINS": "rosbags.rosbag2.Reader",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
     **dict.fromkeys(("height_left_m", "distance_left_m", "time_left_s"), "a message"),

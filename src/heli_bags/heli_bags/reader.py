@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.storage import PACKED, budgeted, checked_message, most_expanded, storage_of
+from heli_bags.storage import PACKED, Kept, budgeted, checked_message, storage_of
 from heli_bags.writer import LATE, METADATA, WINDOW_NS, BagCause, BagError, reason
-from heli_core.foreign_files import FileCause, FileError, read_yaml, too_large
+from heli_core.foreign_files import FileCause, FileError, read_yaml
 from heli_core.rcl_yaml import printable
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
@@ -188,8 +188,8 @@ def guarded(path: Path, items: Iterable[_Item]) -> Iterator[_Item]:
 
 # A bag may begin with the moment at which its first message arrived, not with its stamp.
 _EARLY_NS = NS_PER_S // 10
-# What is kept of a message, beside its bytes; of those of /diagnostics, texts, so many times them.
-_ROW_BYTES, _REMARK_COST = 256, 8
+# Texts, of which /diagnostics is made, become so many times their bytes.
+_REMARK_COST = 8
 
 
 @dataclass(frozen=True)
@@ -282,11 +282,11 @@ def _remarks(message: Any, namespaces: Collection[str]) -> list[Remark]:
 
 
 class _Collector:
-    """Fills a Bag message by message, of so many bytes in all: a few may expand to any number."""
+    """Fills a Bag message by message."""
 
-    def __init__(self, datum: Datum | None, most: int) -> None:
+    def __init__(self, datum: Datum | None, kept: Kept) -> None:
         self.bag = Bag()
-        self._left = most
+        self._kept = kept
         self.namespaces: frozenset[str] = frozenset()
         self.start_ns, self._end_ns, self._in_flight_time = 0, 0, False
         self._store = get_typestore(Stores.ROS2_JAZZY)
@@ -313,9 +313,7 @@ class _Collector:
     def take(self, name: str, bag_ns: int, raw: bytes) -> None:
         """One message of the graph, and the bag's time of it."""
         self._end_ns = max(self._end_ns, bag_ns)
-        self._left -= len(raw) * (_REMARK_COST if name == topics.DIAGNOSTICS else 1) + _ROW_BYTES
-        if self._left < 0:
-            raise too_large("what its messages hold together")
+        self._kept.keep(len(raw) * (_REMARK_COST if name == topics.DIAGNOSTICS else 1))
         try:
             if name == topics.REFERENCE:
                 message = self._deserialized(name, raw)
@@ -471,8 +469,7 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
 
 def _read(path: Path, datum: Datum | None) -> Bag:
     """A bag that is whole; raises as `read_bag`."""
-    files = [path] if path.is_file() else storage_files(path)
-    collector = _Collector(datum, most_expanded(sum(file.stat().st_size for file in files)))
+    collector = _Collector(datum, Kept(path))
     with contextlib.ExitStack() as stack:
         try:
             reader = stack.enter_context(budgeted(path))

@@ -44,6 +44,8 @@ MESSAGE_SHARE = 8
 _OVERLAP_SHARE = 2
 # What a record of a chunk costs beside its bytes.
 _RECORD_BYTES = 100
+# What is kept of a message beside its numbers.
+_ROW_BYTES = 256
 _HEAD = struct.Struct("<BQ")
 MOST_TOPICS, MOST_DEFINITIONS, _MOST_QOS_KEYS = 4096, 1 << 21, 2000
 _PIECE = 1 << 20
@@ -60,6 +62,26 @@ def storage_of(path: Path) -> str:
 def most_expanded(size: int) -> int:
     """Bytes that compressed data of a size may become, on the disk or one after the other."""
     return max(budget_bytes(), _MOST_RATIO * size)
+
+
+class Kept:
+    """How much of a bag's messages is kept: a few bytes may expand to any number of messages.
+
+    Parameters
+    ----------
+    bag : Path
+        Folder or file.
+    """
+
+    def __init__(self, bag: Path) -> None:
+        files = [bag] if bag.is_file() else [path for path in bag.iterdir() if storage_of(path)]
+        self._left = most_expanded(sum(file.stat().st_size for file in files))
+
+    def keep(self, size: int) -> None:
+        """Count a message of a size, bytes; raises FileError above what a bag may become."""
+        self._left -= size + _ROW_BYTES
+        if self._left < 0:
+            raise too_large("what is kept of its messages")
 
 
 # -------------------------------------------------------------------------------------------------
@@ -105,7 +127,7 @@ def chunk_content(data: bytes, compression: str, size: int, crc: int = 0) -> byt
     """
     within_budget(size, "a chunk")
     if compression not in _EXPANDERS:
-        raise FileError(FileCause.SYNTAX, f"a chunk is compressed by {compression[:20]!r}")
+        raise FileError(FileCause.SYNTAX, f"a chunk is compressed by {compression!r:.20}")
     content = _EXPANDERS[compression](data, size + 1)
     if len(content) != size:
         raise FileError(FileCause.SYNTAX, f"a chunk has not the {size} bytes that it says")
@@ -221,7 +243,7 @@ def unpacked(bag: Path) -> Iterator[Path]:
 
 def _unpack(bag: Path, folder: Path, about: dict[str, Any]) -> None:
     if about.get("compression_format") != "zstd":
-        problem = f"its files are compressed by {str(about.get('compression_format'))[:20]!r}"
+        problem = f"its files are compressed by {about.get('compression_format')!r:.20}"
         raise FileError(FileCause.SYNTAX, f"{problem}; allowed: zstd")
     listed = about.get("relative_file_paths")
     names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []

@@ -21,8 +21,9 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.reader import damage, guarded, named, require_whole, storage_files
-from heli_bags.storage import budgeted, checked_message, storage_of
+from heli_bags.storage import Kept, budgeted, checked_message, storage_of
 from heli_bags.writer import BagCause, BagError, reason
+from heli_core.foreign_files import FileError
 from heli_core.rcl_yaml import printable
 
 # -------------------------------------------------------------------------------------------------
@@ -164,7 +165,7 @@ class BagReader:
     """
 
     def __init__(self, path: Path, reader: AnyReader) -> None:
-        self._path, self._reader = path, reader
+        self._path, self._reader, self._kept = path, reader, Kept(path)
         try:
             self.connections = list(reader.connections)
             self.message_count = reader.message_count
@@ -191,6 +192,13 @@ class BagReader:
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """Connection, stamp of the bag (ns), bytes; in the order of the stamps."""
         return guarded(self._path, self._reader.messages(connections, start, stop))
+
+    def keep(self, raw: bytes) -> None:
+        """Count a message of which something is kept; BagError if the bag expands to too much."""
+        try:
+            self._kept.keep(len(raw))
+        except FileError as error:
+            raise damage(self._path, error) from error
 
     def deserialize(self, raw: bytes, type_name: str) -> Any:
         """The message object."""

@@ -7,6 +7,7 @@ is made of it has a budget, `HELI_MEMORY_MB`, that is asked before it is made. W
 `FileError`: a cause and one sentence.
 """
 
+import io
 import json
 import os
 import stat
@@ -90,7 +91,7 @@ def budget_bytes() -> int:
     if not text:
         return BUDGET_MB << 20
     if not (text.isascii() and text.isdigit() and len(text) <= 7 and 0 < int(text) <= _MOST_MB):
-        problem = f"{text[:20]!r} is not allowed; allowed: megabytes from 1 to {_MOST_MB}"
+        problem = f"{text!r:.20} is not allowed; allowed: megabytes from 1 to {_MOST_MB}"
         raise FileError(FileCause.BUDGET, problem, BUDGET_VARIABLE)
     return int(text) << 20
 
@@ -171,7 +172,8 @@ def read_bytes(path: str | Path, most: int | None = None) -> bytes:
 def read_text(path: str | Path, most: int = MOST_TEXT_BYTES) -> str:
     """Content of a text file, UTF-8, of at most so many bytes; raises FileError."""
     try:
-        return read_bytes(path, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        # As a text file's: ends of lines of any kind.
+        return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
     except UnicodeDecodeError:
         raise FileError(FileCause.NOT_TEXT, "it is not UTF-8", path) from None
 

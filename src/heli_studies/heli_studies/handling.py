@@ -131,6 +131,7 @@ def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
         )
         stamps, rows, sums, why, refused = [], [], [], "", 0
         for _, bag_ns, raw in reader.messages(connections=chosen(reader, path, [name])):
+            reader.keep(raw)
             try:
                 rows.append(decoder.decode(raw).copy())
                 stamps.append(decoder.stamp_ns or bag_ns)
@@ -229,6 +230,7 @@ def signal_of(path: Path, source: str, axis: str, start_ns: int) -> tuple[Array,
         decoder = Decoder(topics.ATTITUDE_SETPOINT, None, lambda raw: reader.deserialize(raw, kind))
         stamps, values = [], []
         for _, bag_ns, raw in reader.messages(connections=lines):
+            reader.keep(raw)
             if not field:
                 values.append(float(decoder.decode(raw)[AXES.index(axis)]))
                 stamps.append(decoder.stamp_ns or bag_ns)
