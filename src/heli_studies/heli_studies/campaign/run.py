@@ -92,7 +92,7 @@ _INPUT_KINDS = (
 )  # fmt: skip
 _IS_KIND = {
     NUMBER: pa.types.is_integer, SEED: pa.types.is_integer, EXIT_CODE: pa.types.is_integer,
-    CAUSE: pa.types.is_string, SENTENCE: pa.types.is_string,
+    CAUSE: pa.types.is_string, SENTENCE: pa.types.is_string, COVERAGE: pa.types.is_floating,
 }  # fmt: skip
 
 
