@@ -70,7 +70,8 @@ def any_page(request):
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory):
     """A flight with a fault and two modes."""
-    settings = resolve(duration_s=20.0, overrides={"plant": {"faults": FAULTS}})
+    over = {"plant": {"faults": FAULTS}, "outer_loop": {"failsafe.land_astray_m": 1e4}}
+    settings = resolve(duration_s=20.0, overrides=over)
     flight = simulate(settings)
     mode = np.where(flight.record.time_s < 15.0, "hover", "land")
     result = Result(score(flight.record, settings.scenario), flight.sentence, 20.0, 1.0)

@@ -533,7 +533,7 @@ def _record_of(path: Path) -> None:
 
 
 def _sums(path: Path) -> None:
-    from heli_msgs_bridge.sums import read_checksums
+    from heli_msgs_bridge.signatures import read_checksums
 
     read_checksums(path)
 

@@ -268,11 +268,14 @@ def test_states_of_terms_stay_and_do_nothing_while_their_terms_are_off(helicopte
     assert not plain[PLANT.servo_rate.stop :].any()
 
 
-def test_a_number_without_end_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("digits", "cause", "key"), [(150, Cause.BOUNDS, "body.mass_kg"), (400, Cause.SYNTAX, "")]
+)
+def test_a_number_without_end_is_refused(tmp_path, digits, cause, key):
     """An integer of hundreds of digits is no float; found by damaging files."""
     text = find_aircraft("helion.yaml").read_text()
     path = tmp_path / "heavy.yaml"
-    path.write_text(re.sub(r"mass_kg: [\d.]+", "mass_kg: " + "9" * 400, text))
+    path.write_text(re.sub(r"mass_kg: [\d.]+", "mass_kg: " + "9" * digits, text))
     with pytest.raises(AircraftError) as caught:
         HelicopterParameters.from_yaml(path)
-    assert (caught.value.cause, caught.value.key) == (Cause.BOUNDS, "body.mass_kg")
+    assert (caught.value.cause, caught.value.key) == (cause, key)

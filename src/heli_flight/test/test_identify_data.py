@@ -14,7 +14,7 @@ from heli_msgs_bridge.layouts import CHANNELS
 from heli_msgs_bridge.messages import Encoder
 from heli_studies.identify import (
     BagDataError,
-    Given,
+    IdentificationInputs,
     evaluated,
     experiment_of_bag,
     experiment_of_record,
@@ -22,7 +22,7 @@ from heli_studies.identify import (
 )
 from support.record_bag import rows_of as rows_cut
 
-GIVEN = Given({}, period_s=0.5, start_s=1.0, periods=4, source="test")
+GIVEN = IdentificationInputs({}, period_s=0.5, start_s=1.0, periods=4, source="test")
 NEEDED = (topics.ODOM, topics.IMU, topics.ACTUATORS, topics.EXCITATION_ACTUATORS)
 TICKS = 320
 

@@ -9,8 +9,9 @@ from heli_core.rcl_yaml import ParameterError
 from heli_flight.loop import simulate
 from heli_studies.campaign import spec as rows
 from heli_studies.campaign.rare import LAST_SEED, Flights, Points, asked_of, check_reach
-from heli_studies.campaign.run import Store, fly_here
+from heli_studies.campaign.run import Store
 from heli_studies.campaign.spec import fly_rows, spec_of, write_rerun_files
+from heli_studies.campaign.workers import fly_here
 
 TEXT = """flights: 1
 world: paper
@@ -126,7 +127,7 @@ def test_a_flight_that_throws_is_beyond(spec, monkeypatch):
     monkeypatch.setattr(rows, "simulate", fly)
     flights = Flights(spec, asked_of(spec, NAME), lambda rows: None)
     assert flights(np.zeros((1, 4))).tolist() == [np.inf] and flights.causes == {"threw": 1}
-    assert fly_here.__module__.endswith("run") and fly_rows(spec, [0])[0]["cause"] == "threw"
+    assert fly_here.__module__.endswith("workers") and fly_rows(spec, [0])[0]["cause"] == "threw"
 
 
 def test_a_metric_is_known_before_anything_flies(spec, tmp_path):

@@ -46,7 +46,8 @@ FAULTS = (
 
 @pytest.fixture(scope="module")
 def flown():
-    settings = resolve(duration_s=8.0, overrides={"plant": {"faults": FAULTS}})
+    over = {"plant": {"faults": FAULTS}, "outer_loop": {"failsafe.land_astray_m": 1e4}}
+    settings = resolve(duration_s=8.0, overrides=over)
     return simulate(settings).record, settings
 
 
@@ -99,7 +100,7 @@ def test_a_flight_in_one_process_writes_its_failsafes_down():
     }
     record = simulate(resolve(seed=3, duration_s=25.0, world="paper", overrides=over)).record
     assert record.failsafe.shape == record.time_s.shape and record.failsafe[0] == "NONE"
-    assert {"LAND"} <= set(record.failsafe) and record.mode[-1] == "land"
+    assert {"LAND"} <= set(record.failsafe) and record.mode[-1] == "standing"
     assert simulate(resolve(duration_s=2.0)).record.failsafe is None
 
 
@@ -207,7 +208,7 @@ def test_flights_beside_each_other_share_what_is_alike():
 
 def test_another_flight_on_the_page_has_its_own():
     """The rival of the attitude test flew the same faults; what nodes said was not of it."""
-    over = {"plant": {"faults": FAULTS[:1]}}
+    over = {"plant": {"faults": FAULTS[:1]}, "outer_loop": {"failsafe.land_astray_m": 1e4}}
     settings = resolve("attitude", duration_s=6.0, overrides=over)
     record = simulate(settings).record
     events = [Event(1.0, "observer", 1, "?")]

@@ -35,6 +35,8 @@ _OPTIONS = slice(2, 4)
 """Of a serialised message, the options of its encapsulation: two bytes that readers pass over
 (OMG DDS-XTypes 1.3, 7.6.3.1.2), but for the two bits that count what was padded."""
 _PADDING_BITS = 0b11
+_CONTENT = slice(4, None)
+"""Behind the encapsulation."""
 
 
 class KeyFileError(ParameterError):
@@ -112,7 +114,7 @@ class Signature:
 
     def sign(self, raw: bytes) -> bytes:
         """The message, signed."""
-        return raw[:2] + self._of(raw) + raw[4:]
+        return raw[:2] + self._of(raw) + raw[_CONTENT]
 
     def is_genuine(self, raw: bytes) -> bool:
         """Whether a message was signed with this key, and for this topic."""
@@ -121,13 +123,13 @@ class Signature:
     def _of(self, raw: bytes) -> bytes:
         if len(raw) & 3:  # as RTPS pads what it sends
             raw += bytes(-len(raw) & 3)
-        first, second = hashlib.blake2s(raw[4:], key=self._key, digest_size=2).digest()
+        first, second = hashlib.blake2s(raw[_CONTENT], key=self._key, digest_size=2).digest()
         return bytes((first, second & ~_PADDING_BITS))
 
 
 def unsigned(raw: bytes) -> bytes:
     """A message as its sender made it, whether or not it was signed: two flights' are alike."""
-    return raw[:2] + b"\0\0" + raw[4:]
+    return raw[:2] + b"\0\0" + raw[_CONTENT]
 
 
 def signature_of(topic: str, key: Path | None = None) -> Signature | None:
