@@ -44,8 +44,10 @@ class KeyFileError(ParameterError):
 
 
 @contextmanager
-def flight_key(path: Path) -> Iterator[Path]:
+def flight_key(path: Path) -> Iterator[Path | None]:
     """Make a key's file, readable for this user alone; it is gone behind the block.
+
+    None where the folder's file system knows no such rights: a key that others can read is none.
 
     Raises
     ------
@@ -56,15 +58,21 @@ def flight_key(path: Path) -> Iterator[Path]:
     try:
         with open(os.open(path, flags, 0o600), "wb") as file:
             file.write(secrets.token_bytes(KEY_BYTES))
+            private = _is_private(os.fstat(file.fileno()))
     except OSError as error:
         raise KeyFileError(
             f"{path}: the flight's key cannot be written: {error.strerror}"
         ) from error
     try:
-        yield path
+        yield path if private else None
     finally:
         with suppress(OSError):
             path.unlink()
+
+
+def _is_private(state: os.stat_result) -> bool:
+    """Whether nobody else has rights on a file."""
+    return not stat.S_IMODE(state.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
 
 
 @cache
@@ -84,7 +92,7 @@ def read_key(path: Path) -> bytes:
         state = os.fstat(file)
         if not stat.S_ISREG(state.st_mode) or state.st_uid != os.getuid():
             raise KeyFileError(f"{KEY_VARIABLE}={path}: not a file of this user")
-        if stat.S_IMODE(state.st_mode) & (stat.S_IRWXG | stat.S_IRWXO):
+        if not _is_private(state):
             raise KeyFileError(f"{KEY_VARIABLE}={path}: others have rights on it; allowed: 0600")
         key = os.read(file, KEY_BYTES + 1)
     finally:

@@ -197,19 +197,20 @@ class PublisherLock:
         next_one, known = number == last_number + 1, number in self._others
         if next_one and (not known or self._continues(raw)):
             return True
-        if not self._is_message(raw):
-            return False
-        if before is not None and number == before + 1:
+        if before is not None and number == before + 1 and self._is_message(raw):
             self._others.add(last_number + 1)
             self._before = None
             return True
         alone, silent_s = not next_one and self._count() <= 1, came_s - self._heard_s
         silent = silent_s > SUCCESSOR_S
-        if (silent or not (known or next_one)) and self._successor(silent):
+        asked = silent or not (known or next_one)
+        # What is no message uses up no successor.
+        if asked and self._is_message(raw) and self._successor(silent):
             self._others.clear()
             self._before = last_number
             return True
-        if alone or (silent_s > self._silence_s and not self._strangers()):
+        gone = alone or (silent_s > self._silence_s and not self._strangers())
+        if gone and self._is_message(raw):
             # Numbers that go on are the owner's: messages between were lost.
             self.successions += not (alone and number > last_number)
             self._others.clear()

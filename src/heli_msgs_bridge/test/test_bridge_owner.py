@@ -199,3 +199,38 @@ def test_a_forged_number_is_of_no_use_without_the_key(topic):
     assert not topic.owner.admits(raw, {"publication_sequence_number": 101})
     assert topic.owner.admits(signature.sign(raw), {"publication_sequence_number": 101})
     assert topic.owner.ignored == 3 and topic.owner.successions == 0
+
+
+def test_messages_of_a_second_sender_are_not_decoded(topic):
+    """A flood of another sender's costs looks at numbers; only who is to be owner is read."""
+    decoded = []
+    topic.senders = 2
+    topic.owner = PublisherLock(
+        lambda: topic.senders, 0.5, PERIOD_NS, lambda: topic.time_s,
+        is_message=lambda raw: not decoded.append(raw),
+    )  # fmt: skip
+    assert topic.hears(100) and not topic.hears(1)
+    read = len(decoded)
+    for number in range(2, 50):
+        assert not topic.hears(number, tick=number) and topic.hears(99 + number, tick=number)
+    assert len(decoded) == read
+    topic.time_s = 60.0
+    assert topic.hears(50) and len(decoded) > read
+
+
+def test_a_successor_is_due_though_no_message_came_before_it(topic):
+    """What is no message of the topic does not use up the one successor that is due."""
+    due = [1]
+
+    def successor(silent):
+        due[0] -= 1
+        return due[0] >= 0
+
+    topic.senders = 2
+    topic.owner = PublisherLock(
+        lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, successor,
+        is_message=lambda raw: is_message(topics.BARO, raw),
+    )  # fmt: skip
+    assert topic.hears(50)
+    assert not topic.owner.admits(b"\0\1\0\0" + bytes(8), {"publication_sequence_number": 7})
+    assert topic.hears(1) and topic.owner.successions == 0

@@ -533,7 +533,7 @@ class Phases:
                 )  # fmt: skip
                 self.cruise_ns = now_ns
             case Phase.DESCENDING:
-                self.trajectory = self._way_down(self.trajectory, now_ns)
+                self.trajectory = self._trajectory_down(self.trajectory, now_ns)
                 self._state.x[MEMORY.ground_m] = self.ground_down_m
                 carried = float(
                     hover_share(self._state.x[MEMORY.command][SETPOINT.col], self.params)
@@ -575,7 +575,7 @@ class Phases:
         rows = np.array([way.at(now_ns + round(offset)) for offset in around])
         return not bool(np.ptp(rows, axis=0).any())
 
-    def _way_down(self, hover: Trajectory, now_ns: int) -> Trajectory:
+    def _trajectory_down(self, hover: Trajectory, now_ns: int) -> Trajectory:
         """From where a way ends down; quickly where the place is held by dead reckoning."""
         n, ground = self.numbers, self.ground_down_m
         if self._reckons:
