@@ -120,7 +120,7 @@ class FixedMessage:
         self.block = self._memory[first : first + layout.block_size]
         self.stamp_ns = 0
         block_end = layout.block_at + 8 * layout.block_size
-        self._constant: list[tuple[int, bytes]] = [(0, _HEADER)]
+        self._constant: list[tuple[int, bytes]] = [(0, _HEADER[:2])]
         for start, end in ((_STAMP_AT + _STAMP.size, layout.block_at), (block_end, size)):
             cuts = {*layout.free, *layout.padding}
             for cut in sorted(offset for offset in cuts if start <= offset < end):
@@ -144,7 +144,8 @@ class FixedMessage:
         for start, expected in self._constant:
             if not raw.startswith(expected, start):
                 return False
-        self._view[:] = raw
+        # Not its header: what signs a message stands there (`signatures`).
+        self._view[_STAMP_AT:] = raw[_STAMP_AT:]
         sec, nanosec = _STAMP.unpack_from(raw, _STAMP_AT)
         self.stamp_ns = sec * NS_PER_S + nanosec
         return True

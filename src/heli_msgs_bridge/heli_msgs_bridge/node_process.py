@@ -111,16 +111,16 @@ def usage(spec: NodeSpec, summary: str) -> str:
 #
 # To destroy a participant rmw_fastrtps calls `DomainParticipant::set_listener` of Fast DDS, which
 # waits until the listener is not being called. In the wheels' build (2.14) the limit of that wait
-# is
-# beyond what 64 bits hold: the wait returns at once, as the wrong argument it is, and keeps the
-# lock
-# for which the listener waits. Who leaves in the moment in which it is told of another one's
-# coming
-# or leaving turns in this loop for ever, with Python's lock held, so that no thread can help.
+# is beyond what 64 bits hold: the wait returns at once, as the wrong argument it is, and keeps the
+# lock for which the listener waits. Who leaves in the moment in which it is told of another one's
+# coming or leaving turns in this loop for ever, with Python's lock held, so that no thread can
+# help.
 # -------------------------------------------------------------------------------------------------
 
 LIMIT_S = 5.0
 """Wall time for leaving; it takes 0.03 s, on loaded cores up to a second."""
+NOT_LEFT = "DDS was not left in time"
+"""In the log of a process that was ended so: the file of its port stays in shared memory."""
 _QUIET_S, _WAIT_S, _LEAVING_LOOK_S = 0.05, 0.5, 0.01
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int)
 
@@ -135,7 +135,13 @@ def exit_within(code: int, limit_s: float = LIMIT_S) -> Iterator[None]:
     sys.stdout.flush()
     libc = ctypes.CDLL(None)
     libc.signal.argtypes, libc.signal.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
-    end = _HANDLER(lambda number: os._exit(code))
+
+    def end_now(number: int) -> None:
+        if not code:  # else the last line in the log says already why it ends
+            os.write(2, f"{NOT_LEFT}\n".encode())
+        os._exit(code)
+
+    end = _HANDLER(end_now)
     before = libc.signal(signal.SIGALRM, ctypes.cast(end, ctypes.c_void_p))
     signal.setitimer(signal.ITIMER_REAL, limit_s)
     try:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from heli_msgs_bridge import node_process
-from heli_msgs_bridge.node_process import exit_within, wait_for_dds_shutdown
+from heli_msgs_bridge.node_process import NOT_LEFT, exit_within, wait_for_dds_shutdown
 
 # PyDLL keeps Python's lock, as rclpy does while it destroys a node.
 STUCK = """
@@ -25,7 +25,9 @@ with exit_within({code}, 0.1):
 @pytest.mark.parametrize("code", [0, 1, 2])
 def test_who_cannot_leave_ends_with_its_code(code):
     stuck = [sys.executable, "-c", STUCK.format(code=code)]
-    assert subprocess.run(stuck, timeout=120, check=False).returncode == code
+    ended = subprocess.run(stuck, timeout=120, check=False, stderr=subprocess.PIPE, text=True)
+    # Who failed has said why, and that stays its last line.
+    assert (ended.returncode, ended.stderr) == (code, "" if code else f"{NOT_LEFT}\n")
 
 
 def test_who_leaves_in_time_goes_on():

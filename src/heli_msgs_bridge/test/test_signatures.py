@@ -11,6 +11,10 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.frames import datum
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Decoder, Encoder
 from heli_msgs_bridge.signatures import (
     KEY_BYTES,
     KEY_VARIABLE,
@@ -106,6 +110,35 @@ def test_a_key_is_this_users_alone_and_gone_with_the_flight(tmp_path):
         with pytest.raises(KeyFileError), flight_key(path):
             raise AssertionError
     assert not path.exists()
+
+
+def test_where_files_have_no_rights_nobody_signs(tmp_path, monkeypatch):
+    """As on FAT, or on another system's disk: whatever mode is asked for, all can read it."""
+    opened = os.open
+    monkeypatch.setattr(os, "open", lambda path, flags, mode: opened(path, flags, 0o644))
+    with flight_key(tmp_path / "key") as key:
+        assert key is None
+    assert not (tmp_path / "key").exists()
+
+
+@pytest.mark.parametrize("topic", CHANNELS)
+def test_what_is_signed_is_read_as_fast(topic):
+    """From its bytes: through the objects of rclpy a flight would take twice as long."""
+
+    def deserialize(raw):
+        raise AssertionError(topic)
+
+    origin = datum(28.17, 112.93, 50.0) if topic == topics.GPS_FIX else None
+    encoder, decoder = Encoder(topic, datum=origin), Decoder(topic, origin, deserialize)
+    values = np.linspace(0.1, 0.2, CHANNELS[topic].size)
+    if topic in (topics.ODOM, topics.TRUTH_ODOM):
+        values[6:10] = 0.5  # a unit quaternion
+    raw = encoder.encode(values, 10_000_000)
+    plain = decoder.decode(raw).copy()
+    signed = Signature(KEY, topic).sign(raw)
+    assert signed != raw
+    np.testing.assert_array_equal(decoder.decode(signed), plain)
+    assert encoder.encode(values, 10_000_000) == raw
 
 
 def _of_others(path):

@@ -551,8 +551,7 @@ class Graph:
         (logs := self.folder / "logs").mkdir()
         prepare_environment()
         env = {**os.environ, **(self._respawn.environment() if self._respawn else {})}
-        if self._key is not None:
-            env[KEY_VARIABLE] = str(self._key.absolute())
+        env |= _key_environment(self._key)
         parameters = logs.parent / "graph.yaml"
         dump_all(of_graph(self.settings, self.folder, self.live, self.namespace), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
@@ -748,7 +747,6 @@ class Graph:
         if self._faults:
             self._faults.undo()
         nodes = [p for name, p in self.processes.items() if name != "recorder"]
-        died = [p for p in self.processes.values() if (p.exit_code() or 0) < 0]
         killed = stop(nodes)
         if "recorder" in self.processes:
             # Last, so that it hears everything; it writes its index before it ends.
@@ -760,9 +758,22 @@ class Graph:
             self.supervisor = None
         if self._began_ros and rclpy.ok():
             rclpy.shutdown()
-        if killed or died or self._respawn:
-            remove_left()
+        # Of processes that died, or could not leave DDS; and of earlier flights'.
+        remove_left()
         return killed
+
+
+_KEY = "graph.key"
+
+
+def _key_environment(key: Path | None) -> dict[str, str]:
+    """What a process of the flight needs to sign its messages."""
+    return {} if key is None else {KEY_VARIABLE: str(key.absolute())}
+
+
+def _say_unsigned(key: Path | None, say: Callable[[str], None]) -> None:
+    if key is None:
+        say("the flight's folder knows no rights of users: the nodes do not sign their messages")
 
 
 def fly_graph(
@@ -804,6 +815,7 @@ def fly_graph(
     """
     begun = time.monotonic()
     with flight_key(folder / _KEY) as key:
+        _say_unsigned(key, say)
         graph = Graph(settings, folder, live, say, composed=composed, respawn=respawn, key=key)
         end, up = _flown(graph, progress)
     flown = outcome(settings, folder, *end, round(up - begun, 3), composed=composed)
@@ -835,13 +847,12 @@ def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
 # -------------------------------------------------------------------------------------------------
 
 _CLOCK = "world_clock"
-_KEY = "graph.key"
 
 
-def _start_clock(names: Sequence[str], folder: Path, key: Path) -> NodeProcess:
+def _start_clock(names: Sequence[str], folder: Path, key: Path | None) -> NodeProcess:
     arguments = ["--ros-args", "-p", f"aircraft:=[{', '.join(names)}]"]
     module = "heli_flight.graph.world_clock_node"
-    env = {**os.environ, KEY_VARIABLE: str(key.absolute())}
+    env = {**os.environ, **_key_environment(key)}
     return NodeProcess(_CLOCK, module, arguments, folder / f"{_CLOCK}.log", env)
 
 
@@ -880,6 +891,7 @@ def fly_several(
     begun = time.monotonic()
     with ExitStack() as until_all_have_ended:
         key = until_all_have_ended.enter_context(flight_key(folder / _KEY))
+        _say_unsigned(key, say)
         graphs = {
             n: Graph(its_settings, folder / n, None, say, n, composed, key=key)
             for n, its_settings in settings.items()
