@@ -77,7 +77,7 @@ def test_gamma_closer_to_its_bound_lets_less_of_the_worst_wind_through():
     (example,) = re.findall(r"gamma: ([\d.]+) +# closer to gamma\*", TUTORIAL)
     gains = []
     for changes in ({}, {"gamma": float(example)}):
-        values = resolve(overrides={"inner_loop": changes}).nodes["inner_loop"]
+        values = resolve(controller="hinf", overrides={"inner_loop": changes}).nodes["inner_loop"]
         kernel = AttitudeConfig.from_parameters(values).params
         A, B, E = (
             np.array(values[f"model.{name}"]).reshape(9, columns)

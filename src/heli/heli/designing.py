@@ -72,23 +72,22 @@ class Design:
         return self.made.attitude.controller
 
     @property
-    def gamma(self) -> float:
-        """Bound on the H-infinity norm, of the law that flies."""
-        return float(self._bound.gamma)
+    def gamma(self) -> float | None:
+        """Bound on the H-infinity norm of the controller that flies; None of one without."""
+        bound = self.made.attitude.bound
+        return None if bound is None else float(bound.gamma)
 
     @property
-    def gamma_star(self) -> float:
-        """Infimum of the bounds that can be had, eq. (14)."""
-        return float(self._bound.gamma_star.value)
+    def gamma_star(self) -> float | None:
+        """Infimum of the bounds that it can have, eq. (14)."""
+        bound = self.made.attitude.bound
+        return None if bound is None else float(bound.gamma_star.value)
 
     @property
-    def norm(self) -> float:
+    def norm(self) -> float | None:
         """Norm that was reached, below gamma: the certificate."""
-        return float(self._bound.norm)
-
-    @property
-    def _bound(self) -> Any:
-        return self.made.attitude.output or self.made.attitude.synthesis
+        bound = self.made.attitude.bound
+        return None if bound is None else float(bound.norm)
 
     @property
     def F(self) -> NDArray[np.float64]:
@@ -137,10 +136,14 @@ class Design:
         return Path(path)
 
     def __repr__(self) -> str:
-        flown = self.made.reports[-1]
+        flown, bound = self.made.reports[-1], self.made.attitude.bound
+        certificate = "no bound on its norm"
+        if bound is not None:
+            star = bound.gamma_star.value
+            certificate = f"gamma {bound.gamma:.5g}, gamma* {star:.5g}, norm {bound.norm:.5g}"
         return (
             f"Design: {self.controller}, {self.made.basis.source}\n"
-            f"  gamma {self.gamma:.5g}, gamma* {self.gamma_star:.5g}, norm {self.norm:.5g}\n"
+            f"  {certificate}\n"
             f"  loop as flown: stability {flown.stability:.3g} rad/s, disk margin "
             f"{flown.disk_input.alpha:.3g} at the input, {flown.disk_output.alpha:.3g} at the "
             f"output, further delay {1e3 * self.made.further_delay_s:.0f} ms"
@@ -164,8 +167,8 @@ def design(
     aircraft : str, optional
         A packaged aircraft's name, or an aircraft file.
     gamma, gamma_factor : float, optional
-        Bound of state feedback (`controller: hinf`), or the same as a multiple of gamma*; that of
-        the packaged law is the parameter `output.gamma`.
+        Bound of the controller that flies (`hinf_output` or `hinf`; the others have none), or the
+        same as a multiple of its gamma*. Default: the parameter `output.gamma` or `gamma`.
     quiet : bool
         True: nothing is printed. Else what is being worked out goes to stderr from 2 s on.
 
@@ -180,12 +183,10 @@ def design(
 
     Examples
     --------
-    >>> design = heli.design({"inner_loop": {"controller": "hinf"}}, gamma_factor=1.2)
-    >>> heli.fly(params=design, controller="hinf")
+    >>> design = heli.design(gamma_factor=1.2)
+    >>> heli.fly(params=design)
     """
     files, over = split(params)
-    if gamma is not None and gamma_factor is not None:
-        raise ParameterError("gamma and gamma_factor: give one of them, not both")
     settings = resolve(params=files, overrides=over).at_100_hz("heli.design")
     air = resolve(params=files, overrides=over, world=HOVER_TEST_WORLD).nodes["plant"]
     with told_when_long("heli.design", quiet) as tell:

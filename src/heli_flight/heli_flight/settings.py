@@ -953,6 +953,9 @@ class Settings:
         know of such a file.
     overridden : tuple of Overridden
         Where the command line was stronger.
+    unread : tuple of Unread
+        What the user's files, options or overrides have changed of the inner loop, and the
+        controller that flies does not read.
     """
 
     nodes: Mapping[str, Mapping[str, Any]]
@@ -971,6 +974,7 @@ class Settings:
     laws: str = PACKAGED
     process_faults: tuple[str, ...] = (NONE,)
     overridden: tuple[Overridden, ...] = ()
+    unread: tuple[inner_table.Unread, ...] = ()
 
     @property
     def rate(self) -> Rate:
@@ -1123,6 +1127,7 @@ def resolve(
     fitting = [without_packaged(defaults, read, wanted) for defaults in user]
     layers = layered(read, name, receiver, around, fitting, drawn_by, control)
     values = _over(layers, fitting, line, options, overrides or {})
+    unread = _unread(read, values["inner_loop"], fitting, overrides or {})
     for node in NODES:
         values[node.name] |= {"lockstep": mode != REAL_TIME, "link_seed": values["plant"]["seed"]}
     return Settings(
@@ -1135,14 +1140,39 @@ def resolve(
         values["plant"]["seed"],
         layers.files,
         values[recorder_table.NODE_NAME],
-        line.remarks(),
+        (*line.remarks(), *_remark(unread)),
         around,
         values[WORLD_SECTION],
         {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
         control,
         broken,
         tuple(line.overridden),
+        tuple(unread),
     )
+
+
+def _unread(
+    read: Reader,
+    inner: Mapping[str, Any],
+    files: Sequence[ParameterFile],
+    overrides: Mapping[str, Mapping[str, Any]],
+) -> list[inner_table.Unread]:
+    """What the user has changed of the inner loop that its controller does not read."""
+    node = next(node for node in NODES if node.name == inner_table.NODE_NAME)
+    names = [entry.key for file in files for entry in applicable(file, node.name)]
+    stated_names = dict.fromkeys((*names, *overrides.get(node.name, {})))
+    ones = inner_table.unread(inner["controller"], stated_names)
+    if not ones:
+        return []
+    own = config_folder(node.package) / f"{node.name}.yaml"
+    packaged = load(
+        node.table, [read(config_folder("heli_core") / "common.yaml"), read(own)], node.name
+    )
+    return [one for one in ones if not _equal(inner[one.parameter], packaged[one.parameter])]
+
+
+def _remark(ones: Sequence[inner_table.Unread]) -> list[str]:
+    return [f"{inner_table.NODE_NAME}: {inner_table.unread_sentence(ones)}"] if ones else []
 
 
 def _seed(

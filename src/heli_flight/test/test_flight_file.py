@@ -175,8 +175,8 @@ class TestContradictions:
         assert line.count(f"({flown}:") == 5
 
     def test_the_same_said_twice_is_no_contradiction(self, flown):
-        assert resolve("attitude", "rtk", 7, 9.0, params=[flown], controller="pid").remarks == ()
-        assert resolve(params=[flown]).remarks == ()
+        same = resolve("attitude", "rtk", 7, 9.0, params=[flown], controller="pid")
+        assert same.overridden == resolve(params=[flown]).overridden == ()
 
     def test_an_option_over_a_plain_parameter_is_told_too(self, written):
         mine = written(section("plant", "seed: 4"))
@@ -306,3 +306,25 @@ class TestCommit:
         else:
             (line,) = settings.remarks
             assert line.startswith(f"{path} ") and f" {12 * 'f'}, " in line
+
+
+class TestWhatIsNotRead:
+    @staticmethod
+    def names(*args, **kwargs):
+        return {one.parameter: one.instead for one in resolve(*args, **kwargs).unread}
+
+    def test_a_parameter_of_another_controller_is_named_with_what_is_read(self, written):
+        file = written(section("inner_loop", "gamma: 0.056", "pid: {K_P: [1.0, 1.0, 1.0]}"))
+        assert self.names(params=[file]) == {"gamma": "output.gamma", "pid.K_P": ""}
+        assert self.names(params=[file], controller="hinf") == {"pid.K_P": ""}
+        assert self.names(params=[file], controller="pid") == {"gamma": ""}
+        assert self.names(overrides={"inner_loop": {"gamma": 0.3}}) == {"gamma": "output.gamma"}
+        assert len(resolve(params=[file]).remarks) == 1
+
+    def test_what_is_as_packaged_changes_nothing_anyway(self, written):
+        file = written(section("inner_loop", "gamma: 0.0632", "margin_floor: 0.1"))
+        assert self.names(params=[file]) == {}
+
+    def test_a_flight_s_own_file_names_nothing(self, tmp_path):
+        write_parameters(resolve(), tmp_path / "params.yaml")
+        assert self.names(params=[tmp_path / "params.yaml"]) == {}

@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heli_core.errors import MarginError, ShapeError, SynthesisError, UnstableLoopError
+from heli_core.errors import (
+    InfeasibleGammaError,
+    MarginError,
+    ShapeError,
+    SynthesisError,
+    UnstableLoopError,
+)
 from heli_core.rows import ACTUATOR
 from heli_core.ticks import TICK_S, Rate
 from heli_inner_hinf.controller_state import (
@@ -23,6 +29,7 @@ from heli_inner_hinf.controller_state import (
     LAST_R,
     LAST_X,
     NO_LAW,
+    STATE_FEEDBACK,
     Actuation,
     AttitudeParams,
     OutputLaw,
@@ -43,6 +50,8 @@ from heli_inner_hinf.output_feedback import (
     synthesize_output,
 )
 from heli_inner_hinf.synthesis import (
+    N_U,
+    N_X,
     Lqr,
     Matrix,
     Synthesis,
@@ -58,6 +67,8 @@ from heli_inner_hinf.synthesis import (
 # -------------------------------------------------------------------------------------------------
 
 _OF_LINKS = ("link_faults", "link_seed")
+LEAST_GAMMA_FACTOR = 1.05
+"""Of gamma*: nearer to it a law loses its margins; a bound that is chosen here is not lower."""
 _FROM_HOVER = 0.1
 """Least distance of the collective of standing from hover's."""
 
@@ -93,8 +104,6 @@ class AttitudeConfig:
         Rate at which a lasting attitude error shifts the target of state feedback, rad/s.
     K_P, K_I, K_D : (3,) arrays
         PID gains of roll, pitch, yaw.
-    synthesis : Synthesis
-        F, G, P, certificate.
     output : OutputSynthesis or None
         Law and certificate of `hinf_output`; None with another controller.
     law : OutputLaw
@@ -122,7 +131,6 @@ class AttitudeConfig:
     K_P: Matrix
     K_I: Matrix
     K_D: Matrix
-    synthesis: Synthesis
     output: OutputSynthesis | None
     law: OutputLaw
     margin_floor: float
@@ -193,12 +201,13 @@ class AttitudeConfig:
             K_P=shaped("pid.K_P", p["pid.K_P"], (3,)),
             K_I=shaped("pid.K_I", p["pid.K_I"], (3,)),
             K_D=shaped("pid.K_D", p["pid.K_D"], (3,)),
-            synthesis=synthesize(A, B, E, C, D, float(p["gamma"]), output_selector()),
             output=output,
             law=law,
             margin_floor=float(p["margin_floor"]),
             ground_collective=float(p["ground_collective"]),
         )
+        if config.controller == "hinf":
+            _ = config.synthesis  # here it is refused
         config._refuse_weak()
         config._refuse_rest_in_hover()
         return config
@@ -225,6 +234,27 @@ class AttitudeConfig:
                 raise MarginError(self.controller, where, margin, self.margin_floor)
 
     @cached_property
+    def synthesis(self) -> Synthesis:
+        """State feedback by eq. (15) to (17): F, G, P, certificate.
+
+        Under another controller than `hinf` it is not flown, and `gamma`, which that one does not
+        read, refuses nothing: below gamma* it is worked out at a bound that can be had.
+        """
+        model = self.A, self.B, self.E, self.C, self.D
+        try:
+            return synthesize(*model, self.gamma, output_selector())
+        except InfeasibleGammaError as error:
+            if self.controller == "hinf":
+                raise
+            least = float(f"{LEAST_GAMMA_FACTOR * error.gamma_star:.3g}")
+            return synthesize(*model, least, output_selector())
+
+    @property
+    def bound(self) -> Synthesis | OutputSynthesis | None:
+        """The synthesis with a bound gamma that flies; None for a controller without one."""
+        return self.synthesis if self.controller == "hinf" else self.output
+
+    @cached_property
     def lqr(self) -> Lqr:
         """LQR with the same weights."""
         return lqr(self.A, self.B, self.E, self.C, self.D, output_selector())
@@ -232,15 +262,15 @@ class AttitudeConfig:
     @cached_property
     def params(self) -> AttitudeParams:
         """Numbers for `attitude_law`."""
-        gains = self.lqr if self.controller == "lqr" else self.synthesis
-        F, H = predicting_gains(self.A, self.B, gains.F, self.prediction_s)
+        F, G = self._state_feedback()
+        F, H = predicting_gains(self.A, self.B, F, self.prediction_s)
         tick_s = self.actuation.tick_s
         fade = math.exp(-tick_s / self.bumpless_time_s) if self.bumpless_time_s > 0.0 else 0.0
         return AttitudeParams(
             controller=CONTROLLERS[self.controller],
             F=np.ascontiguousarray(F),
             H=np.ascontiguousarray(H),
-            G=np.ascontiguousarray(gains.G),
+            G=np.ascontiguousarray(G),
             x_trim=self.x_trim,
             u_trim=self.u_trim[ACTUATOR.attitude].copy(),
             limit=self.actuator_limit,
@@ -256,6 +286,13 @@ class AttitudeConfig:
             tick_s=tick_s,
         )
 
+    def _state_feedback(self) -> tuple[Matrix, Matrix]:
+        """F (3, 9) and G (3, 3) that fly; zero under a controller of another kind."""
+        if CONTROLLERS[self.controller] != STATE_FEEDBACK:
+            return np.zeros((N_U, N_X)), np.zeros((N_U, N_U))
+        gains = self.lqr if self.controller == "lqr" else self.synthesis
+        return gains.F, gains.G
+
     @cached_property
     def judgement(self) -> Assessment | None:
         """The loop as flown; None for a kind of law whose linear form is not known."""
@@ -263,22 +300,27 @@ class AttitudeConfig:
         return feedback and judge(self.A, self.B, feedback, self.actuation)
 
     def summary(self) -> dict[str, float | str]:
-        """What `/diagnostics` shows: controller, disk margins, gamma, gamma*, mechanism, norm."""
-        s, judgement = self.output or self.synthesis, self.judgement
+        """What `/diagnostics` shows: controller, disk margins; of a bound that flies gamma, gamma*,
+        mechanism and norm."""
+        judgement, bound = self.judgement, self.bound
         margins = (
             (judgement.disk_input, judgement.disk_output)
             if judgement
             else ("not known", "not known")
         )
-        return {
+        facts: dict[str, float | str] = {
             "controller": self.controller,
             "disk_margin_input": margins[0],
             "disk_margin_output": margins[1],
-            "gamma": s.gamma,
-            "gamma_star": s.gamma_star.value,
-            "gamma_star_mechanism": s.gamma_star.mechanism.value,
-            "norm": s.norm,
-            "norm_frequency_radps": s.norm_frequency,
+        }
+        if bound is None:
+            return facts
+        return facts | {
+            "gamma": bound.gamma,
+            "gamma_star": bound.gamma_star.value,
+            "gamma_star_mechanism": bound.gamma_star.mechanism.value,
+            "norm": bound.norm,
+            "norm_frequency_radps": bound.norm_frequency,
         }
 
 

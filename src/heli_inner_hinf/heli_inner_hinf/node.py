@@ -44,7 +44,7 @@ from heli_inner_hinf.excitation import (
     initial_excitation_state,
 )
 from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_manual, own_law
-from heli_inner_hinf.parameters import NODE_NAME, TABLE
+from heli_inner_hinf.parameters import NODE_NAME, TABLE, unread, unread_sentence
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_LAW_FAILED, Level
 from heli_msgs_bridge.lifecycle_node import NodeSpec
@@ -368,6 +368,8 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         if not self.configured:
             return
         if judged is not None:
+            if sentence := unread_sentence(unread(judged.controller, changed)):
+                self.get_logger().warning(sentence)
             self.core.design.adopt(judged)
             self._keep(judged)
         if "expects_outer" in changed:

@@ -1,14 +1,101 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop's parameters; their values stand in config/inner_loop.yaml."""
 
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
 from heli_core.parameters import Parameter
 from heli_inner_hinf.controller_state import CONTROLLERS
 from heli_inner_hinf.excitation import DISTURBANCE_ROWS
 
 NODE_NAME = "inner_loop"
 
+# By parameter, or by the section that ends in a point, the controllers that read it; any other one
+# is read whatever flies.
+_WEIGHTED = ("hinf_output", "hinf", "lqg", "lqr")
+_READERS: Mapping[str, tuple[str, ...]] = {
+    "gamma": ("hinf",),
+    "C11": _WEIGHTED,
+    "C22": _WEIGHTED,
+    "D11": _WEIGHTED,
+    "output.": ("hinf_output",),
+    "lqg.": ("lqg",),
+    "law.": ("matrices",),
+    "prediction_s": ("hinf", "lqr"),
+    "offset_free_radps": ("hinf", "lqr"),
+    "pid.": ("pid",),
+    "indi.": ("indi",),
+}
+
+
+def readers(parameter: str) -> tuple[str, ...]:
+    """The controllers that read a parameter of the inner loop; empty: whatever flies reads it."""
+    section, point, _ = parameter.partition(".")
+    return _READERS.get(section + point, ())
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A parameter that changes nothing: the controller that flies does not read it.
+
+    Attributes
+    ----------
+    parameter : str
+    controller : str
+        What flies.
+    readers : tuple of str
+        The controllers that read it.
+    instead : str
+        The parameter of the same kind that the controller reads; empty: there is none.
+    """
+
+    parameter: str
+    controller: str
+    readers: tuple[str, ...]
+    instead: str
+
+    @property
+    def words(self) -> str:
+        """What it is, who reads it, and what stands in its place."""
+        instead = f"; {self.controller} has {self.instead}" if self.instead else ""
+        return f"{self.parameter} (of {', '.join(self.readers)}{instead})"
+
+
+def unread(controller: str, parameters: Iterable[str]) -> list[Unread]:
+    """Those of the inner loop's parameters that a controller does not read.
+
+    Parameters
+    ----------
+    controller : str
+        One of `CONTROLLERS`.
+    parameters : iterable of str
+        Names.
+
+    Returns
+    -------
+    list of Unread
+    """
+    by_leaf = {
+        row.name.rsplit(".", 1)[-1]: row.name for row in TABLE if controller in readers(row.name)
+    }
+    return [
+        Unread(name, controller, readers(name), by_leaf.get(name.rsplit(".", 1)[-1], ""))
+        for name in parameters
+        if readers(name) and controller not in readers(name)
+    ]
+
+
+def unread_sentence(ones: Sequence[Unread]) -> str:
+    """One sentence about all of them; empty without any."""
+    if not ones:
+        return ""
+    words = ", ".join(one.words for one in ones)
+    return f"changes nothing, as controller {ones[0].controller} does not read it: {words}"
+
 
 def _row(name: str, kind: str, description: str, unit: str = "", **bounds) -> Parameter:
+    if readers(name):
+        description = f"{description} (controller: {', '.join(readers(name))})"
     return Parameter(name, kind, description, unit, **bounds)
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters to design: the packaged YAML, what is refused, change in flight, writing the YAML."""
 
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from heli_core.errors import (
     SynthesisError,
 )
 from heli_core.parameters import load
+from heli_inner_hinf.controller_state import CONTROLLERS, initial_law_state
 from heli_inner_hinf.controllers import attitude_law
 from heli_inner_hinf.design import (
     AttitudeConfig,
@@ -25,7 +27,7 @@ from heli_inner_hinf.design import (
     write_model_yaml,
 )
 from heli_inner_hinf.loops import Model, output_loop, pid_as_output_law
-from heli_inner_hinf.parameters import NODE_NAME, TABLE
+from heli_inner_hinf.parameters import NODE_NAME, TABLE, readers, unread
 from heli_inner_hinf.tuning import PEAK, gains_of, tune_pid
 
 YAML = Path(__file__).parent.parent / "config/inner_loop.yaml"
@@ -184,3 +186,58 @@ def test_start_up_imports_are_light():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def commanded():
+    """The commands (20, 3) of a controller in a row of states and setpoints."""
+    draw = np.random.default_rng(4)
+    states, setpoints = draw.normal(0.0, 0.02, (20, 9)), draw.normal(0.0, 0.02, (20, 3))
+
+    @functools.cache
+    def commands(controller, changed=""):
+        values = load(TABLE, [YAML], NODE_NAME)
+        law = pid_as_output_law(*(values[f"pid.{gain}"] for gain in ("K_P", "K_I", "K_D")))
+        values |= {f"law.{part}": matrix for part, matrix in law._asdict().items()}
+        values |= {"controller": controller, "margin_floor": 0.0}
+        if changed:
+            value = np.asarray(values[changed], dtype=float)
+            values[changed] = value * 1.01 if value.any() else value + 0.01
+        k, u3 = AttitudeConfig.from_parameters(values).params, np.zeros(3)
+        state, rows = initial_law_state(k), []
+        for x9, r3 in zip(states, setpoints, strict=True):
+            attitude_law(x9, r3, k, state, u3)
+            rows.append(u3.copy())
+        return np.array(rows)
+
+    return commands
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_who_reads_a_parameter_commands_otherwise_when_it_changes_and_nobody_else(
+    controller, commanded
+):
+    """Of `law` D alone is changed: its other arrays go together."""
+    rows = [row.name for row in TABLE if readers(row.name)]
+    for name in [name for name in rows if not name.startswith("law.") or name == "law.D"]:
+        equal = np.array_equal(commanded(controller, name), commanded(controller))
+        assert equal == (controller not in readers(name)), name
+
+
+def test_what_stands_in_a_parameters_place_is_read():
+    for controller in CONTROLLERS:
+        for one in unread(controller, [row.name for row in TABLE]):
+            assert controller not in one.readers
+            assert not one.instead or controller in readers(one.instead)
+    (one,) = unread("hinf_output", ["gamma", "C11", "margin_floor"])
+    assert (one.parameter, one.readers, one.instead) == ("gamma", ("hinf",), "output.gamma")
+    assert unread("hinf", ["output.gamma"])[0].instead == "gamma"
+
+
+@pytest.mark.parametrize("controller", ["hinf_output", "lqg", "lqr", "pid", "indi"])
+def test_a_gamma_that_is_not_read_refuses_nothing(parameters, controller):
+    config = AttitudeConfig.from_parameters(
+        parameters | {"controller": controller, "gamma": 0.05, "margin_floor": 0.0}
+    )
+    assert config.synthesis.gamma > config.synthesis.gamma_star.value > 0.05
+    assert ("gamma" in config.summary()) == (controller == "hinf_output")

@@ -86,18 +86,25 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     assert lost_tick(inner, 0) == waits, "another flight"
 
 
+GAMMA = "output.gamma"
+
+
 def set_gamma(inner, value):
-    return inner.node.set_parameters_atomically([Parameter("gamma", value=value)])
+    return inner.node.set_parameters_atomically([Parameter(GAMMA, value=value)])
+
+
+def gamma_of(inner):
+    return inner.node.core.design.config.output.gamma
 
 
 def test_judging_changes_nothing(inner):
     before = tick_of(inner, 0)
     node = inner.node
     config = node.core.design.config
-    judged = node.validate({**node.values, "gamma": 0.08}, {"gamma"})
-    assert judged.gamma == 0.08
-    assert not set_gamma(inner, 0.03).successful
-    assert node.core.design.config is config and node.values["gamma"] == config.gamma
+    judged = node.validate({**node.values, GAMMA: 5.0}, {GAMMA})
+    assert judged.output.gamma == 5.0
+    assert not set_gamma(inner, 0.5).successful
+    assert node.core.design.config is config and node.values[GAMMA] == gamma_of(inner)
     tick_of(inner, 1)
     assert node.core.design.config is config
     assert before.tolist() == inner.sent[topics.ACTUATORS][0].tolist()
@@ -106,30 +113,30 @@ def test_judging_changes_nothing(inner):
 def test_an_accepted_change_is_flown_from_the_next_tick_without_a_jump(inner):
     for tick in range(40):
         flown = tick_of(inner, tick)
-    assert set_gamma(inner, 0.08).successful
-    assert inner.node.core.design.config.gamma == 0.0632
+    assert set_gamma(inner, 5.0).successful
+    assert gamma_of(inner) == 4.3
     first = tick_of(inner, 40)
-    assert inner.node.core.design.config.gamma == 0.08 and inner.node.values["gamma"] == 0.08
+    assert gamma_of(inner) == inner.node.values[GAMMA] == 5.0
     assert first == pytest.approx(flown, abs=1e-9)
 
 
 def test_a_change_of_an_unconfigured_node_counts_when_it_is_configured(bench):
     made = bench(InnerLoopNode)
-    assert set_gamma(made, 0.08).successful
+    assert set_gamma(made, 5.0).successful
     made.fly()
-    assert made.node.core.design.config.gamma == 0.08
+    assert gamma_of(made) == 5.0
 
 
 def test_an_unconfigured_node_refuses_what_it_could_not_fly(bench):
     """The reason at once, not at configuration; the node is as it was, and flies."""
     made = bench(InnerLoopNode)
     before = dict(made.node.values)
-    refused = set_gamma(made, 0.03)
+    refused = set_gamma(made, 0.5)
     assert not refused.successful and "infeasible" in refused.reason
-    assert made.node.values["gamma"] == before["gamma"]
-    assert made.node.get_parameter("gamma").value == before["gamma"]
+    assert made.node.values[GAMMA] == before[GAMMA]
+    assert made.node.get_parameter(GAMMA).value == before[GAMMA]
     made.fly()
-    assert made.node.core.design.config.gamma == before["gamma"]
+    assert gamma_of(made) == before[GAMMA]
 
 
 def test_a_setpoint_of_a_later_moment_is_not_fresh(bench):

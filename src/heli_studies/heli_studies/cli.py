@@ -20,6 +20,7 @@ from heli_flight.cli.common import (
     SETTINGS,
     Aircraft,
     AnyGps,
+    AttitudeController,
     CommandWithRenamed,
     CommandWithWords,
     ControlPreset,
@@ -920,11 +921,18 @@ DESIGN_EPILOG = (
 def design(
     params: Params = None,
     aircraft: Aircraft = None,
+    controller: AttitudeController = None,
     gamma: Annotated[
-        float | None, typer.Option(metavar="G", help="bound on the norm (default: the parameter)")
+        float | None,
+        typer.Option(
+            metavar="G",
+            help="bound on the norm of the controller that flies, hinf_output or hinf (default: "
+            "the parameter output.gamma or gamma)",
+        ),
     ] = None,
     gamma_factor: Annotated[
-        float | None, typer.Option(metavar="K", help="bound as a multiple of gamma*, such as 1.2")
+        float | None,
+        typer.Option(metavar="K", help="bound as a multiple of its gamma*, such as 1.2"),
     ] = None,
     out: Annotated[
         Path | None,
@@ -955,7 +963,7 @@ def design(
 
     refuse_existing(out)
     with steps("design", 2 if out else 1) as progress:
-        made = make_design(params or [], aircraft, gamma, gamma_factor, search or check)
+        made = make_design(params or [], aircraft, gamma, gamma_factor, search or check, controller)
         progress(1)
         if out is not None:
             from heli_studies.design.report import draw_all
@@ -965,6 +973,8 @@ def design(
                 draw_all(made, out)
                 (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
             progress(2)
+    for remark in made.remarks:
+        console(stderr=True).print(remark, highlight=False, soft_wrap=True, markup=False)
     if check:
         from heli_studies.design.make import differences
 

@@ -525,8 +525,11 @@ class Truth:
     design: FinishedDesign
 
 
-def truth_of(settings: Settings, aircraft: str | None, gamma: float) -> Truth:
-    """Trim, linearise and design the aircraft file: the yardstick, never an input."""
+def truth_of(settings: Settings, aircraft: str | None, gamma: float | None) -> Truth:
+    """Trim, linearise and design the aircraft file: the yardstick, never an input.
+
+    `gamma`: the bound of the controller that flies; None: its parameter.
+    """
     basis = aircraft_basis(settings, aircraft)
     return Truth(basis, design_of(basis, settings, gamma=gamma))
 
@@ -792,7 +795,9 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
             experiments["actuators"], experiments["gusts"], a_priori, settings, wanted.gamma_factor,
             tell,
         )  # fmt: skip
-        truth = truth_of(settings, None, identification.design.attitude.gamma) if known else None
+        bound = identification.design.attitude.bound
+        gamma = bound.gamma if bound and wanted.gamma_factor is not None else None
+        truth = truth_of(settings, None, gamma) if known else None
         progress(_STEPS)
     return IdentifyOutcome(identification, truth, table(identification, truth), settings)
 
@@ -843,7 +848,7 @@ def _fly_graph(settings: Settings, folder: Path, progress: Any) -> None:
 def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
     """Everything for JSON."""
     identification, a_priori = outcome.identification, outcome.identification.a_priori
-    missed = misses(outcome.rows)
+    missed, bound = misses(outcome.rows), identification.design.attitude.bound
     return {
         "measured_on_the_ground": dict(a_priori.ground),
         "experiments": {
@@ -866,8 +871,8 @@ def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
         "entries": [row.as_dict() for row in outcome.rows],
         "compared_with": outcome.truth.basis.source if outcome.truth else None,
         "misses": [row.name for row in missed],
-        "gamma": identification.design.attitude.gamma,
-        "gamma_star": identification.design.attitude.synthesis.gamma_star.value,
+        "gamma": bound and bound.gamma,
+        "gamma_star": bound and bound.gamma_star.value,
         "observer": {"K": identification.design.observer.K.tolist(),
                      "poles_radps": list(identification.design.observer.poles)},
         "versions": versions(),

@@ -317,14 +317,14 @@ def _verdict(outcome: IdentifyOutcome) -> tuple[str, str, str]:
 
 def _facts(outcome: IdentifyOutcome) -> list[tuple[str, str]]:
     identification, settings = outcome.identification, outcome.settings
-    a_priori = identification.a_priori
+    a_priori, bound = identification.a_priori, identification.design.attitude.bound
     return [
         ("Experiments", f"2, {a_priori.periods} periods of {a_priori.period_s:g} s each"),
         ("Lines", f"{lines_of(identification.actuators)}; {lines_of(identification.gusts)}"),
         ("Compared with", outcome.truth.basis.source if outcome.truth else "nothing"),
         ("GPS", settings.gps),
         ("Seed", str(settings.seed)),
-        ("gamma", f"{identification.design.attitude.gamma:.4g}"),
+        ("gamma", f"{bound.gamma:.4g}" if bound else "none"),
     ]
 
 

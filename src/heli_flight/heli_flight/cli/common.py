@@ -346,6 +346,16 @@ World = Annotated[
         autocompletion=worlds,
     ),
 ]
+AttitudeController = Annotated[
+    str | None,
+    typer.Option(
+        "--attitude-controller",
+        metavar="NAME",
+        help="hinf_output, hinf, lqg, lqr, pid, indi or matrices "
+        "(default: the parameter `controller` of inner_loop)",
+        autocompletion=controllers,
+    ),
+]
 ControlPreset = Annotated[
     str | None,
     typer.Option(

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from heli_core.ticks import TICKS_PER_S
-from heli_flight.cli import common
 from heli_flight.cli.common import (
     EXIT_OF_FLIGHTS,
+    AttitudeController,
     CommandWithRenamed,
     ControlPreset,
     Duration,
@@ -60,16 +60,6 @@ def epilog(prog: str) -> str:
     return f"\b\nexamples:\n{shown}\n\n{EXIT_OF_FLIGHTS}"
 
 
-AttitudeController = Annotated[
-    str | None,
-    typer.Option(
-        "--attitude-controller",
-        metavar="NAME",
-        help="hinf_output, hinf, lqg, lqr, pid, indi or matrices "
-        "(default: the parameter `controller` of inner_loop)",
-        autocompletion=common.controllers,
-    ),
-]
 CustomLaw = Annotated[
     list[str] | None,
     typer.Option(

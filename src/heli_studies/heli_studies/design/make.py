@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from heli_core.central_controller import NoControllerError, optimal_gamma
-from heli_core.errors import RobustError
+from heli_core.central_controller import GeneralisedPlant, NoControllerError, optimal_gamma
+from heli_core.errors import InfeasibleGammaError, RobustError
 from heli_core.linear import with_servos
 from heli_core.rcl_yaml import ParameterError, dump_all
 from heli_core.rotations import quat_to_R_nb
@@ -35,7 +35,7 @@ from heli_dynamics_sim.wind import dryden_scales, passing_speed
 from heli_flight.position_axes import NAMES, attitude_lags_s, downwind, position_axes
 from heli_flight.settings import HOVER_TEST_WORLD, Settings, resolve
 from heli_inner_hinf.controller_state import Actuation, ObserverInput, OutputLaw
-from heli_inner_hinf.design import AttitudeConfig, added_weights
+from heli_inner_hinf.design import LEAST_GAMMA_FACTOR, AttitudeConfig, added_weights
 from heli_inner_hinf.loops import (
     COMMANDS,
     N_Y,
@@ -582,30 +582,78 @@ def _stronger(axis: Axis, factor: float) -> Axis:
 # Which bounds on the norm a design is asked to keep.
 # -------------------------------------------------------------------------------------------------
 
-_OUTPUT_GAMMA_FACTOR = 1.05  # least output.gamma over gamma*: nearer the law loses its margins
+_BOUND_KEYS = {"hinf_output": "output.gamma", "hinf": "gamma"}
+"""By controller the parameter that bounds its norm; the others have none."""
 
 
-def bound_of(inner: Mapping[str, Any], gamma: float | None, factor: float | None) -> float:
-    """gamma as it is asked for: itself, a multiple of gamma*, else the parameter."""
-    if gamma is not None:
-        return gamma
-    if factor is None:
-        return float(inner["gamma"])
+def bound_of(
+    inner: Mapping[str, Any], gamma: float | None, factor: float | None, actuation: Actuation
+) -> dict[str, float]:
+    """The bounds of a design: of the controller that flies as it is asked for.
+
+    Parameters
+    ----------
+    inner : mapping
+        The inner loop's parameters.
+    gamma, factor : float or None
+        The bound itself, or as a multiple of gamma*; without either the parameter.
+    actuation : Actuation
+
+    Returns
+    -------
+    dict
+        Parameters of the inner loop by name. The packaged `output.gamma` is raised for an aircraft
+        that has no law below it; one that was asked for is not.
+
+    Raises
+    ------
+    ParameterError
+        Both are given, or the controller has no bound.
+    SynthesisError
+    """
+    if gamma is not None and factor is not None:
+        raise ParameterError("gamma and gamma factor: give one of them, not both")
+    controller = inner["controller"]
+    key = _BOUND_KEYS.get(controller)
+    if key is None and not (gamma is None and factor is None):
+        option = "gamma" if factor is None else "gamma factor"
+        raise ParameterError(
+            f"{option}: controller {controller} has no bound on its norm; "
+            f"{' and '.join(_BOUND_KEYS)} have"
+        )
+    if key is not None and gamma is not None:
+        if not 0.0 < gamma < np.inf:
+            raise InfeasibleGammaError(gamma, _gamma_star(inner, actuation), key)
+        return {key: gamma}
+    if key is not None and factor is not None:
+        return {key: factor * _gamma_star(inner, actuation)}
+    return {"output.gamma": _output_gamma(inner, actuation)}
+
+
+def _gamma_star(inner: Mapping[str, Any], actuation: Actuation) -> float:
+    """gamma* of the controller that flies, which has one."""
+    if inner["controller"] == "hinf_output":
+        return optimal_gamma(_output_plant(inner, actuation), float(inner["output.gamma"])).value
     C, D = weights(inner["C11"], inner["C22"], inner["D11"])
-    plant = (inner["model.A"], inner["model.B"], inner["model.E"])
-    return factor * gamma_star(*plant, C, D).value
+    return gamma_star(inner["model.A"], inner["model.B"], inner["model.E"], C, D).value
 
 
-def output_bound_of(inner: Mapping[str, Any], actuation: Actuation) -> float:
-    """`output.gamma`, or a bound above gamma* for an aircraft that has no law below it."""
+def _output_plant(inner: Mapping[str, Any], actuation: Actuation) -> GeneralisedPlant:
     model = inner["model.A"], inner["model.B"], inner["model.E"]
     C, D = weights(inner["C11"], inner["C22"], inner["D11"])
+    return generalised_plant(*model, C, D, added_weights(inner), actuation)
+
+
+def _output_gamma(inner: Mapping[str, Any], actuation: Actuation) -> float:
+    """`output.gamma`; for an aircraft that has no law below the packaged one a bound above it."""
     gamma = float(inner["output.gamma"])
-    plant = generalised_plant(*model, C, D, added_weights(inner), actuation)
+    if gamma != resolve().nodes["inner_loop"]["output.gamma"]:
+        return gamma
     try:
-        least = _OUTPUT_GAMMA_FACTOR * optimal_gamma(plant, gamma).value
+        star = optimal_gamma(_output_plant(inner, actuation), gamma).value
     except NoControllerError:
         return gamma  # what flies it says why
+    least = LEAST_GAMMA_FACTOR * star
     return gamma if gamma >= least else float(f"{least:.3g}")
 
 
@@ -766,6 +814,8 @@ class FinishedDesign:
         With its three channels broken together, the axes as they meet in the aircraft.
     values : dict
         Node name to the parameters that the design decides.
+    remarks : tuple of str
+        Sentences about the parameters that it was made from, as of `Settings`.
     """
 
     basis: Basis
@@ -779,6 +829,7 @@ class FinishedDesign:
     outer: tuple[AxisReport, ...]
     outer_together: DiskMargin | None
     values: Mapping[str, Mapping[str, Any]]
+    remarks: tuple[str, ...] = ()
 
     @property
     def actuation(self) -> Actuation:
@@ -802,6 +853,7 @@ def make_design(
     gamma: float | None = None,
     gamma_factor: float | None = None,
     search: bool = False,
+    controller: str | None = None,
 ) -> FinishedDesign:
     """Trim, linearise, synthesise, choose the observer, tune the PID, analyse.
 
@@ -815,19 +867,21 @@ def make_design(
     aircraft : str, optional
         An aircraft file, or the bare name of a packaged one; default: the plant's.
     gamma : float, optional
-        Bound on the norm; default: the parameter.
+        Bound on the norm of the controller that flies; default: the parameter.
     gamma_factor : float, optional
-        Bound as a multiple of gamma*, instead.
+        Bound as a multiple of its gamma*, instead.
     search : bool
         Search for the position loop's gains, and, for the parameters' own aircraft, for `output`
         from the present numbers; another aircraft keeps these.
+    controller : str, optional
+        Which attitude controller flies; default: the parameters'.
 
     Raises
     ------
     ParameterError, AircraftError, TrimError, SynthesisError, NoGainsError
         Each with a sentence; the same as the nodes give.
     """
-    settings = resolve(params=params).at_100_hz("heli design")
+    settings = resolve(params=params, controller=controller).at_100_hz("heli design")
     air = resolve(params=params, world=HOVER_TEST_WORLD).nodes["plant"]
     basis = aircraft_basis(settings, aircraft)
     measure = None
@@ -907,8 +961,6 @@ def design_of(
     ------
     ParameterError, SynthesisError
     """
-    if gamma is not None and gamma_factor is not None:
-        raise ParameterError("--gamma and --gamma-factor: give one of them, not both")
     actuation = basis.actuation
     tell("attitude law and its certificate")
     inner: dict[str, Any] = {
@@ -923,11 +975,11 @@ def design_of(
         "delay_ticks": ticks_in(actuation.delay_s),
         "prediction_s": round(actuation.known_lag_s, 3),
     }
-    inner["gamma"] = bound_of(inner, gamma, gamma_factor)
-    inner["output.gamma"] = output_bound_of(inner, actuation)
+    inner |= bound_of(inner, gamma, gamma_factor, actuation)
     if measure is not None:
         inner |= searched_output(inner, measure)
     attitude = AttitudeConfig.from_parameters(inner)
+    inner["gamma"] = attitude.synthesis.gamma
     feed = observer_input(actuation)
     model = model_of(attitude)
     tell("observer")
@@ -967,6 +1019,7 @@ def design_of(
         outer=outer,
         outer_together=together,
         values=values,
+        remarks=settings.remarks,
     )
 
 
@@ -1016,13 +1069,21 @@ def _outer_values(basis: Basis, attitude: Loop) -> dict[str, Any]:
 def write_yaml(design: FinishedDesign, path: Path, by: str = "heli design") -> None:
     """Write the rcl parameter file that plant, observer, inner and outer loop load; `by`: who."""
     dump_all(design.values, path)
-    s = design.attitude.output or design.attitude.synthesis
+    bound = design.attitude.bound
+    controller = design.attitude.controller
+    certificate = (
+        "without a bound on its norm"
+        if bound is None
+        else (
+            f"gamma = {bound.gamma:.8g}, gamma* = {bound.gamma_star.value:.10g}, "
+            f"norm = {bound.norm:.6g}"
+        )
+    )
     flown = design.reports[-1]
     plant = "plant, " if "plant" in design.values else ""
     head = (
         f"# Design by {by}: one file for {plant}observer, inner_loop and outer_loop.\n"
-        f"# gamma = {s.gamma:.8g}, gamma* = {s.gamma_star.value:.10g}, "
-        f"norm = {s.norm:.6g} ({design.attitude.controller})\n"
+        f"# {controller}: {certificate}\n"
         f"# as flown: disk margin {flown.disk_input.alpha:.3f} at the plant input, "
         f"{flown.disk_output.alpha:.3f} at its output\n"
         "# Arrays are flat, row by row; units and meaning: the packaged YAML of each node.\n"

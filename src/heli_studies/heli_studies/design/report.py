@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from heli_core.central_controller import GammaInfimum
 from heli_core.rows import ACTUATOR_NAMES, ATTITUDE, INPUT_NAMES, MEASURED, NINE, STATE_NAMES
 from heli_core.ticks import TICK_S, ticks_in
 from heli_flight.position_axes import NAMES
@@ -23,6 +24,7 @@ from heli_inner_hinf.controller_state import CONTROLLERS, STATE_FEEDBACK
 from heli_inner_hinf.loops import COMMANDS, POSITIONS, ChannelMargin, Loop
 from heli_inner_hinf.mu import DiskMargin, disk_margins
 from heli_inner_hinf.output_feedback import OutputSynthesis
+from heli_inner_hinf.synthesis import GammaStar
 from heli_inner_hinf.tuning import singular_values
 from heli_outer_pd.analysis import AxisReport
 from heli_studies.design.make import LONGEST_DELAY_S, FinishedDesign, norms_on_the_way
@@ -47,6 +49,11 @@ def print_design(design: FinishedDesign, out: Console) -> None:
     )
     out.print(f"modes of the aircraft without control, rad/s: {_modes(design)}")
     output = design.attitude.output
+    if design.attitude.bound is None:
+        out.print(
+            f"controller {design.attitude.controller} has no bound on its norm; of state feedback "
+            "with these weights (controller: hinf), which is not flown:"
+        )
     if output is None:
         star = s.gamma_star
         out.print(
@@ -246,22 +253,30 @@ def _gains(
 
 
 def as_dict(design: FinishedDesign) -> dict[str, Any]:
-    """For --json; infinities become None, as JSON has none."""
-    s = design.attitude.synthesis
+    """For --json; infinities become None, as JSON has none. gamma and norm: of what flies."""
+    s, bound = design.attitude.synthesis, design.attitude.bound
     return {
         "aircraft": design.basis.plant.get("aircraft_file", ""),
         "trim": {"x": design.attitude.x_trim.tolist(), "u": design.basis.u_trim.tolist(),
                  "residual": _finite(design.basis.residual)},
-        "gamma": s.gamma,
-        "gamma_star": {"value": s.gamma_star.value, "lower": s.gamma_star.lower,
-                       "upper": s.gamma_star.upper, "mechanism": s.gamma_star.mechanism.value},
-        "norm": s.norm,
-        "norm_frequency_radps": s.norm_frequency,
-        "certificate": [
-            {"condition": c.name, "value": _finite(c.value), "bound": _finite(c.bound),
-             "holds": bool(c.holds)}
-            for c in s.certificate.conditions
-        ],
+        "controller": design.attitude.controller,
+        "gamma": bound and bound.gamma,
+        "gamma_star": bound and _infimum(bound.gamma_star),
+        "norm": bound and bound.norm,
+        "norm_frequency_radps": bound and bound.norm_frequency,
+        "state_feedback": {
+            "gamma": s.gamma,
+            "gamma_star": _infimum(s.gamma_star),
+            "norm": s.norm,
+            "norm_frequency_radps": s.norm_frequency,
+            "certificate": [
+                {"condition": c.name, "value": _finite(c.value), "bound": _finite(c.bound),
+                 "holds": bool(c.holds)}
+                for c in s.certificate.conditions
+            ],
+            "F": s.F.tolist(),
+            "G": s.G.tolist(),
+        },
         "between_samples": design.between_samples._asdict(),
         "loops": [
             {
@@ -285,8 +300,6 @@ def as_dict(design: FinishedDesign) -> dict[str, Any]:
             for name, report in zip(NAMES, design.outer, strict=False)
         },
         "output": _as_dict_of_output(design.attitude.output),
-        "F": s.F.tolist(),
-        "G": s.G.tolist(),
         "K": design.observer.K.tolist(),
         "observer_poles_radps": list(design.observer.poles),
         "pid": {axis.axis: {"K_P": axis.K_P, "K_I": axis.K_I, "K_D": axis.K_D}
@@ -294,20 +307,15 @@ def as_dict(design: FinishedDesign) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _infimum(star: GammaStar | GammaInfimum) -> dict[str, Any]:
+    return {"value": star.value, "lower": star.lower, "mechanism": star.mechanism.value}
+
+
 def _as_dict_of_output(output: OutputSynthesis | None) -> dict[str, Any] | None:
     if output is None:
         return None
-    star = output.gamma_star
     return {
         "order": output.law.A.shape[0],
-        "gamma": output.gamma,
-        "gamma_star": {
-            "value": star.value,
-            "lower": star.lower,
-            "mechanism": star.mechanism.value,
-        },
-        "norm": output.norm,
-        "norm_frequency_radps": output.norm_frequency,
         "radius": output.controller.radius,
         "residual": output.controller.residual,
     }
@@ -350,8 +358,11 @@ def _frequencies(loop: Loop) -> np.ndarray:
 
 
 def draw_singular_values(design: FinishedDesign, path: Path) -> None:
-    """Wind -> h and wind -> actuators over frequency, with gamma and gamma*."""
-    synthesis = design.attitude.output or design.attitude.synthesis
+    """Wind -> h and wind -> actuators over frequency; of hinf, whose norm it is, with its bound.
+
+    What `output.gamma` bounds is the norm of more inputs to more outputs: no level of this picture.
+    """
+    bounded = design.attitude.controller == "hinf"
     with picture(path, 1, 2, (7.2, 3.2), sharex=True) as (_, axes):
         for loop, (colour, style) in _looks(design):
             omega = _frequencies(loop)
@@ -359,16 +370,18 @@ def draw_singular_values(design: FinishedDesign, path: Path) -> None:
                 axis.loglog(omega, sigma[:, 0], color=colour, ls=style, label=loop.name)
                 if loop is design.loops[-1]:
                     axis.loglog(omega, sigma[:, 1:], color=colour, lw=0.6, alpha=0.5)
-        axes[0, 0].axhline(synthesis.gamma, color=RED, lw=0.9)
-        star = synthesis.gamma_star.value
-        axes[0, 0].axhline(star, color=RED, lw=0.9, ls="--")
-        bounds = (
-            rf"bounds: $\gamma$ = {synthesis.gamma:.4f} (solid), $\gamma^*$ = {star:.4f} (dashed)"
-        )
-        axes[0, 0].set_title(f"wind → h\n{bounds}", fontsize=9)
+        words, highest = "", max(report.norm for report in design.reports)
+        if bounded:
+            synthesis = design.attitude.synthesis
+            gamma, star = synthesis.gamma, synthesis.gamma_star.value
+            axes[0, 0].axhline(gamma, color=RED, lw=0.9)
+            axes[0, 0].axhline(star, color=RED, lw=0.9, ls="--")
+            words = rf"bounds: $\gamma$ = {gamma:.4f} (solid), $\gamma^*$ = {star:.4f} (dashed)"
+            highest = max(highest, gamma)
+        axes[0, 0].set_title(f"wind → h\n{words}", fontsize=9)
         axes[0, 1].set_title("wind → actuators\n", fontsize=9)
         axes[0, 0].set_ylabel("singular value (s/m)")
-        axes[0, 0].set_ylim(star * 1e-3, star * 4.0)
+        axes[0, 0].set_ylim(highest * 1e-3, highest * 3.0)
         axes[0, 1].set_ylim(1e-5, None)
         for axis in axes[0]:
             axis.set_xlabel("frequency (rad/s)")
