@@ -73,6 +73,22 @@ def tell_if_it_compiles(say: Console, own_laws: bool = False) -> None:
         say.print(COMPILES, highlight=False, soft_wrap=True, markup=False)
 
 
+NODES_COMPILE = (
+    "heli: compiles the nodes for this machine and this user: once, a minute or two; with set-up "
+    "they are compiled already"
+)
+
+
+def tell_if_nodes_compile(say: Console) -> None:
+    """Say so if a flight through the graph has to compile its nodes first: with another HOME than
+    set-up's, or changed sources."""
+    from heli_dynamics_sim.plant import advance
+    from heli_observer.observer import step
+
+    if not (is_compiled(advance) and is_compiled(step)):
+        say.print(NODES_COMPILE, highlight=False, soft_wrap=True, markup=False)
+
+
 # -------------------------------------------------------------------------------------------------
 # One flight in this process, scored; nothing is written.
 # -------------------------------------------------------------------------------------------------
@@ -445,6 +461,7 @@ def _flown_together(
         write_parameters(aircraft_settings, folder.path / name / NAME)
     check_middleware()
     start_server()
+    tell_if_nodes_compile(out)
     from heli_flight.graph.flight import fly_several
 
     interrupts.check()
@@ -477,6 +494,7 @@ def _flown(
         return fly_one_process(settings, out)
     check_middleware()
     start_server()
+    tell_if_nodes_compile(out)
     from heli_flight.graph.flight import fly_graph
 
     interrupts.check()

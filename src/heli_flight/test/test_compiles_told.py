@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who flies in one process is told if the loop has to be compiled first, and only then."""
 
+from types import SimpleNamespace
+
 import pytest
 
 import heli
@@ -63,3 +65,13 @@ def test_python_says_it_unless_it_is_quiet(cold, capsys):
         assert capsys.readouterr().err.count(COMPILES) >= 1
         call(duration_s=2, quiet=True)
         assert COMPILES not in capsys.readouterr().err
+
+
+def test_a_flight_through_the_graph_says_that_its_nodes_are_compiled(cold):
+    lines = []
+    out = SimpleNamespace(print=lambda line, **how: lines.append(line))
+    compiles.tell_if_nodes_compile(out)
+    assert lines == []
+    cold()
+    compiles.tell_if_nodes_compile(out)
+    assert lines == [compiles.NODES_COMPILE]
