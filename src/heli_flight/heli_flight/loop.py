@@ -417,8 +417,7 @@ def build(
     outer_k, rate = outer_params(settings.nodes["outer_loop"]), settings.rate
     plant_s = plant.initial_state(plant_config, settings.seed)
     nodes, outer_p = settings.nodes, settings.nodes["outer_loop"]
-    anchored = outer_p["reference_anchor"] == "engagement"
-    begins = outer_loop.MOVED if anchored else outer_loop.AS_GIVEN
+    begins = outer_loop.begins(outer_p)
     trim = plant_s.commands[-1].copy() if len(plant_s.commands) else np.zeros(ACTUATOR.size)
     estimate_k = estimate.estimate_params(nodes["inner_loop"])
     return AircraftInLoop(

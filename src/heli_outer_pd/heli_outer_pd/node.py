@@ -41,13 +41,13 @@ from heli_outer_pd.joystick import StickMap
 from heli_outer_pd.manual_controller import with_manual
 from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.outer_loop import (
-    AS_GIVEN,
     ENGAGEMENT,
     HELD,
     INPUTS,
     MOVED,
     NOT_DUE,
     OuterLoopState,
+    begins,
     initial_loop,
     step,
 )
@@ -447,10 +447,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         if core.trajectory is None:
             engagement[ENGAGEMENT.reference] = HELD
             return Trajectory.hover(np.zeros(3), 0.0)
-        anchored = self.values["reference_anchor"] == "engagement"
-        moves = anchored and not self.values["start.on_ground"]
-        engagement[ENGAGEMENT.reference] = MOVED if moves else AS_GIVEN
-        if moves and core.trajectory is core.reference:
+        engagement[ENGAGEMENT.reference] = begins(self.values)
+        if engagement[ENGAGEMENT.reference] == MOVED and core.trajectory is core.reference:
             core.trajectory = replace(core.trajectory, points=core.trajectory.points.copy())
         return core.trajectory
 

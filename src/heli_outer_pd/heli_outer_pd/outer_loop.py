@@ -7,7 +7,8 @@ its links. A law in Python steps through `python_controller.OwnPositionLaw`, in 
 After a step of the law `phases.Phases.after` is asked what follows from it.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +44,15 @@ ENGAGEMENT = EngagementRow()
 AS_GIVEN, MOVED, HELD = range(3)
 """The reference is flown where it says; is moved to begin where the aircraft is; its first point
 becomes place and heading of the aircraft, which are held for want of a reference."""
+
+
+def begins(values: Mapping[str, Any]) -> int:
+    """AS_GIVEN or MOVED, by the outer loop's parameters: what becomes of a reference.
+
+    From the ground nothing is moved: the aircraft's place says how high that is, not a reference.
+    """
+    moves = values["reference_anchor"] == "engagement" and not values["start.on_ground"]
+    return MOVED if moves else AS_GIVEN
 
 
 @by_reference
