@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from heli_core.rotations import euler_angles
-from heli_flight.loop import simulate
+from heli_flight.loop import build, fly_loop, simulate
 from heli_flight.scoring import score
 from heli_flight.settings import resolve
+from heli_outer_pd.position_health import ground_begun_m
 
 MODES = ["standing", "takeoff", "hover", "trajectory", "hover", "land", "standing"]
 
@@ -147,3 +148,15 @@ def test_in_the_honest_world_it_stays_upright_at_idle():
     assert idle.sum() > 1000
     assert np.degrees(np.abs(euler_angles(record.truth_q_nb)[idle, :2])).max() < 3.0
     assert np.abs(record.truth_rotor[idle, :2]).max() < 0.1
+
+
+def test_the_ground_is_where_it_has_stood_though_the_world_moves_references():
+    """Its scenario's reference, which is in the air, says nothing of the ground."""
+    settings = resolve("takeoff_land", seed=1, duration_s=3.0, world="honest")
+    assert settings.nodes["outer_loop"]["reference_anchor"] == "engagement"
+    loop = build(settings)
+    record = fly_loop(loop, settings).record
+    stands = record.nav_pos_ned_m[np.flatnonzero(np.isfinite(record.nav_pos_ned_m[:, 2]))[0], 2]
+    assert ground_begun_m(loop.outer_s.law) == pytest.approx(stands, abs=1.0)
+    given = settings.scenario.reference.points[0, :3]
+    np.testing.assert_array_equal(record.reference[0, :3], given)

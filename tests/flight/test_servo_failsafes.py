@@ -23,7 +23,7 @@ def flown(fault, seed, seconds, gps="standalone", scenario="hover", world="hones
     settings = resolve(scenario, gps, seed, seconds, world=world, overrides=over)
     loop = closed_loop.build(settings)
     flight = closed_loop.fly_loop(loop, settings)
-    return flight, loop.outer_s.machine[MACHINE.servo]
+    return flight, loop.outer_s.law.machine[MACHINE.servo]
 
 
 def servo(what, kind, value=None):

@@ -5,7 +5,7 @@ Tick n: the plant measures; the observer takes the measurements and the actuator
 `period_ticks` the outer loop gives attitude and collective; the inner loop gives the actuators; the
 plant integrates to n+1:
 
-    sense -> estimate -> navigate -> guide -> listen -> control -> act
+    sense -> estimate -> guide -> listen -> control -> act
 
 Each is a kernel on what came into an inbox, and the ROS nodes call the same ones with the same
 numbers. `fly` is all of them compiled into one; a part that is given as an object in Python
@@ -68,18 +68,18 @@ from heli_msgs_bridge.links import (
 )
 from heli_observer import observer
 from heli_observer.layout import ObserverParams
-from heli_outer_pd import inbox
-from heli_outer_pd import position_law as outer
+from heli_outer_pd import outer_loop
 from heli_outer_pd.failsafes import Action
 from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.manual_controller import manual_deflections
 from heli_outer_pd.modes import LANDING
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_health import answer, begin_above
+from heli_outer_pd.position_health import answer
 from heli_outer_pd.python_controller import OwnPositionLaw
-from heli_outer_pd.reference import ReferenceLimits, fill_offset, move
+from heli_outer_pd.reference import ReferenceLimits
 from heli_outer_pd.script import script_of
+from heli_outer_pd.state import MACHINE, MEMORY, OuterParams
 
 # -------------------------------------------------------------------------------------------------
 # What a flight is made of.
@@ -89,10 +89,10 @@ _CHUNK_TICKS = 6000
 _N_HANDED = 4  # a collective, and behind it a pilot's deflections
 _IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _FLOWN = range(len(observer.INPUTS))
 _ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = range(len(estimate.INPUTS))
-_NAVIGATION, _ROTOR_SPEED = range(len(inbox.INPUTS))
+_NAVIGATION, _ROTOR_SPEED = range(len(outer_loop.INPUTS))
 _TO_OBSERVER = np.array([PLACE[topic, "observer"] for topic in observer.INPUTS])
 _TO_INNER = np.array([PLACE[topic, "inner_loop"] for topic in estimate.INPUTS])
-_TO_OUTER = np.array([PLACE[topic, "outer_loop"] for topic in inbox.INPUTS])
+_TO_OUTER = np.array([PLACE[topic, "outer_loop"] for topic in outer_loop.INPUTS])
 _TO_PLANT = PLACE[topics.ACTUATORS, "plant"]
 
 
@@ -110,10 +110,8 @@ class TickRows(NamedTuple):
 
     y: np.ndarray  # (31,) measurement row
     nav: np.ndarray  # (31,) of the observer
-    outer_nav: np.ndarray  # (31,) navigation as the outer loop had it last
     x9: np.ndarray  # (9,) states as the inner loop knows them
     aim: np.ndarray  # (7,) what it is to hold, places of `estimate.COMMAND`
-    manual: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
     u3: np.ndarray  # (3,) output of the attitude law
 
 
@@ -121,10 +119,8 @@ def _tick_rows() -> TickRows:
     return TickRows(
         np.zeros(MEAS.size),
         np.zeros(NAV.size),
-        np.full(NAV.size, np.nan),
         np.full(len(NINE), np.nan),
         np.full(estimate.COMMAND.size, np.nan),
-        np.full(3, np.nan),
         np.zeros(3),
     )
 
@@ -149,14 +145,11 @@ class AircraftInLoop(NamedTuple):
     excitation_k: ExcitationParams
     excitation_s: np.ndarray
     disturbance_k: SweepParams
-    outer_k: outer.OuterParams
-    outer_s: outer.OuterState
-    navigation: inbox.HeardNavigation
+    outer_k: OuterParams
+    outer_s: outer_loop.OuterLoopState
     outer_in: Inbox
     period_ticks: int
     true_navigation: int
-    # (2,) int64: 1 while the reference is still to be moved to where the aircraft is; tick of that.
-    anchor: np.ndarray
     tick_ns: int
     tick_s: float
     links: Links | None
@@ -236,36 +229,25 @@ def estimate_navigation(loop, links, tick, u, truth):
 
 
 @njit
-def navigate(loop, links, tick, times_ns, points):
-    """The outer loop hears; at its step `rows.outer_nav` is what it knows.
-
-    The reference may be moved.
-
-    times_ns, points: reference trajectory; moved in place where the law engages, if it is to be.
-    """
-    y, nav, outer_nav, box = loop.rows.y, loop.rows.nav, loop.rows.outer_nav, loop.outer_in
+def bring_navigation(loop, links, tick):
+    """What the outer loop hears: the navigation row, and the rotor's speed."""
+    y, nav, box, to = loop.rows.y, loop.rows.nav, loop.outer_in, _TO_OUTER
     came = math.isfinite(nav[NAV.quat][0])
-    _bring(links, box, _NAVIGATION, _TO_OUTER[_NAVIGATION], tick, tick, came, nav)
+    _bring(links, box, _NAVIGATION, to[_NAVIGATION], tick, tick, came, nav)
     turns, speed = y[MEAS.rotor_valid] > 0.5, y[MEAS.rotor : MEAS.rotor + 1]
-    _bring(links, box, _ROTOR_SPEED, _TO_OUTER[_ROTOR_SPEED], tick, tick, turns, speed)
-    inbox.listen(loop.outer_s, loop.navigation, box, tick, loop.outer_k)
-    if tick % loop.period_ticks:
-        return
-    inbox.navigate(loop.outer_s, loop.navigation, tick, outer_nav)
-    if loop.anchor[0] and outer.flyable(outer_nav):
-        offset = scratch(3)
-        fill_offset(outer_nav[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
-        move(points, offset)
-        begin_above(offset[2], loop.outer_s)
-        loop.anchor[0], loop.anchor[1] = 0, tick
+    _bring(links, box, _ROTOR_SPEED, to[_ROTOR_SPEED], tick, tick, turns, speed)
 
 
 @njit
-def guide(loop, tick, times_ns, points, setpoint):
-    """The position law: attitude and collective (4,) to hold, a pilot's deflections."""
-    now_ns, k = tick * loop.tick_ns, loop.outer_k
-    outer.follow(loop.rows.outer_nav, now_ns, times_ns, points, k, loop.outer_s, setpoint)
-    manual_deflections(loop.outer_s, loop.rows.manual)
+def guide(loop, links, tick, times_ns, points, setpoint):
+    """The outer loop, at its step: attitude and collective (4,) to hold.
+
+    times_ns, points: reference trajectory; moved in place where the law engages, if it is to be.
+    """
+    bring_navigation(loop, links, tick)
+    box, period, now_ns = loop.outer_in, loop.period_ticks, tick * loop.tick_ns
+    k, reference = loop.outer_k, (now_ns, times_ns, points)
+    outer_loop.step(loop.outer_s, box, tick, period, *reference, k, setpoint)
 
 
 @njit
@@ -275,7 +257,7 @@ def listen(loop, links, tick, setpoint):
     came, due = math.isfinite(nav[NAV.quat][0]), tick % loop.period_ticks == 0
     sent = scratch(_N_HANDED)
     sent[0] = setpoint[SETPOINT.col]
-    copy(sent[1:], rows.manual)
+    manual_deflections(loop.outer_s.law, sent[1:])
     _bring(links, box, _ODOM, to[_ODOM], tick, tick, came, nav)
     _bring(links, box, _ROTOR, to[_ROTOR], tick, tick, came, nav[NAV.rotor])
     attitude = setpoint[SETPOINT.attitude]
@@ -338,9 +320,9 @@ def act(loop, links, tick, u):
 
 @njit
 def _what_changes(state):
-    """What ends a stretch of ticks when it changes, of the law's state."""
-    machine, at = state.machine, outer.MACHINE
-    return machine[at.position], machine[at.rotor], int(state.x[outer.MEMORY.gone])
+    """What ends a stretch of ticks when it changes, of what the outer loop knows."""
+    machine, x = state.law.machine, state.law.x
+    return machine[MACHINE.position], machine[MACHINE.rotor], int(x[MEMORY.gone])
 
 
 @njit_unlocked
@@ -351,9 +333,7 @@ def fly_ticks(loop, links, first_tick, n_ticks, noise_rows, times_ns, points, se
         before = _what_changes(loop.outer_s)
         sense(loop, tick, noise_rows[i], track.truth[tick])
         estimate_navigation(loop, links, tick, u, track.truth[tick])
-        navigate(loop, links, tick, times_ns, points)
-        if tick % loop.period_ticks == 0:
-            guide(loop, tick, times_ns, points, setpoint)
+        guide(loop, links, tick, times_ns, points, setpoint)
         listen(loop, links, tick, setpoint)
         control(loop, tick)
         command_actuators(loop, tick, u)
@@ -436,7 +416,8 @@ def build(
     law = law or attitude_params(settings.nodes["inner_loop"])
     outer_k, rate = outer_params(settings.nodes["outer_loop"]), settings.rate
     plant_s = plant.initial_state(plant_config, settings.seed)
-    nodes = settings.nodes
+    nodes, outer_p = settings.nodes, settings.nodes["outer_loop"]
+    begins = outer_loop.begins(outer_p)
     trim = plant_s.commands[-1].copy() if len(plant_s.commands) else np.zeros(ACTUATOR.size)
     estimate_k = estimate.estimate_params(nodes["inner_loop"])
     return AircraftInLoop(
@@ -457,12 +438,10 @@ def build(
         initial_excitation_state(),
         disturbance_params(nodes["inner_loop"]),
         outer_k,
-        outer.initial_state(outer_k),
-        inbox.no_navigation(nodes["outer_loop"]["navigation_timeout_s"], rate),
-        empty_inbox(len(inbox.INPUTS)),
-        rate.of(nodes["outer_loop"]["period_ticks"]),
+        outer_loop.initial_loop(outer_k, outer_p["navigation_timeout_s"], rate, begins),
+        empty_inbox(len(outer_loop.INPUTS)),
+        rate.of(outer_p["period_ticks"]),
         int(true_navigation),
-        np.array([nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),
         rate.tick_ns,
         rate.tick_s,
         _links(nodes, settings.seed, rate),
@@ -533,15 +512,15 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
         if (asked or phases.lost or phases.gone) and status == 0 and last % loop.period_ticks == 0:
-            went_on = phases.after(last * rate.tick_ns, loop.rows.outer_nav, setpoint)
+            went_on = phases.after(last * rate.tick_ns, loop.outer_s.nav, setpoint)
             if went_on and phases.trajectory is not None:
                 times_ns, points = phases.trajectory.times_ns, phases.trajectory.points
             scripted = scripted or phases.phase in LANDING
-        action = answer(phases.phase, loop.outer_s)
+        action = answer(phases.phase, loop.outer_s.law)
         acted += [(last, action)] if action != acted[-1][1] else []
         if progress is not None:
             progress(rate.seconds(tick))
-    for before in range(loop.anchor[1]):
+    for before in range(_moved_at(loop)):
         reference_at(before * rate.tick_ns, times_ns, points, track.reference[before])
     named = plant.PlantStatus(max(status, 0))
     modes = _modes(phases, tick, rate) if scripted else None
@@ -549,12 +528,19 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
     return LoopFlight(record, named, "" if status <= 0 else named.sentence)
 
 
+def _moved_at(loop: AircraftInLoop) -> int:
+    """Tick at which the reference was moved; 0 if it was not."""
+    engagement, at = loop.outer_s.engagement, outer_loop.ENGAGEMENT
+    moved = engagement[at.reference] == outer_loop.MOVED
+    return max(int(engagement[at.tick]), 0) if moved else 0
+
+
 def _phases(loop: AircraftInLoop, settings: Settings, reference: Trajectory) -> tuple[Phases, bool]:
     """Phases of a flight, and whether it has any but that it follows its reference throughout."""
     p = settings.nodes["outer_loop"]
     numbers, orders = PhaseNumbers.from_parameters(p), script_of(p)
     fence, goto = ReferenceLimits.from_parameters(p), Goto.from_parameters(p)
-    phases = Phases(numbers, goto, loop.outer_k, loop.outer_s, fence, orders)
+    phases = Phases(numbers, goto, loop.outer_k, loop.outer_s.law, fence, orders)
     if not numbers.on_ground:
         phases.follow(reference, 0)
         phases.home_ned_m = reference.points[0, REFERENCE.pos].copy()
@@ -684,9 +670,7 @@ class TicksWithParts:
             before = call["what_changes"](loop.outer_s)
             self._sense(loop, tick, noise_rows[i], track.truth[tick])
             self._estimate(loop, tick, u, track.truth[tick])
-            call["navigate"](loop, links, tick, *reference)
-            if tick % loop.period_ticks == 0:
-                self._guide(loop, tick, times_ns, points, setpoint)
+            self._guide(loop, tick, times_ns, points, setpoint)
             call["listen"](loop, links, tick, setpoint)
             self._control(loop, tick)
             call["command_actuators"](loop, tick, u)
@@ -789,10 +773,10 @@ class TicksWithParts:
         points: np.ndarray,
         setpoint: np.ndarray,
     ) -> None:
-        now_ns, nav = tick * loop.tick_ns, loop.rows.outer_nav
-        arguments = nav, now_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
-        self._outer.step(tick, tick * loop.tick_s, *arguments, self._calls["follow"])
-        manual_deflections(loop.outer_s, loop.rows.manual)
+        call, box, k, reference = self._calls, loop.outer_in, loop.outer_k, (times_ns, points)
+        call["bring_navigation"](loop, loop.links, tick)
+        inputs = box, tick, loop.period_ticks, tick * loop.tick_ns, *reference, k, setpoint
+        self._outer.step(loop.outer_s, *inputs, call["outer_step"])
 
     def _control(self, loop: AircraftInLoop, tick: int) -> None:
         aim, rows, command = loop.rows.aim, loop.rows, estimate.COMMAND
@@ -812,11 +796,12 @@ def _compiled(loop: AircraftInLoop) -> dict[str, Callable[..., Any]]:
     four, three, rows = np.zeros(ACTUATOR.size), np.zeros(3), loop.rows
     truth, noise_row, links = np.zeros(TRUTH.size), np.zeros(NOISE.size), loop.links
     reference = np.zeros(1, np.int64), np.zeros((1, REFERENCE.size))
+    outer_step = loop.outer_in, 0, loop.period_ticks, 0, *reference, loop.outer_k, four
     calls: dict[str, tuple[Any, ...]] = {
         "sense": (sense, loop, 0, noise_row, truth),
         "estimate_navigation": (estimate_navigation, loop, links, 0, four, truth),
-        "navigate": (navigate, loop, links, 0, *reference),
-        "follow": (outer.follow, rows.outer_nav, 0, *reference, loop.outer_k, loop.outer_s, four),
+        "bring_navigation": (bring_navigation, loop, links, 0),
+        "outer_step": (outer_loop.step, loop.outer_s, *outer_step),
         "listen": (listen, loop, links, 0, four),
         "law": (law_or_manual, rows.x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
         "command_actuators": (command_actuators, loop, 0, four),

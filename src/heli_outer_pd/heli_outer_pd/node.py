@@ -5,14 +5,14 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
-from heli_core.inbox import Inbox, deliver, empty_inbox
+from heli_core.inbox import NOTHING, Inbox, deliver, empty_inbox
 from heli_core.rotations import euler_from_quat
 from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.trajectory import Trajectory
@@ -35,19 +35,27 @@ from heli_msgs_bridge.services import MOST_WAY_BYTES
 from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent, TopicSenders
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
-from heli_outer_pd.disturbance import flyable
 from heli_outer_pd.goals import Goals
 from heli_outer_pd.goto import Goto, PhaseNumbers, outside
-from heli_outer_pd.inbox import INPUTS, HeardNavigation, listen, navigate, no_navigation
 from heli_outer_pd.joystick import StickMap
 from heli_outer_pd.manual_controller import with_manual
 from heli_outer_pd.modes import RefusalCause
+from heli_outer_pd.outer_loop import (
+    ENGAGEMENT,
+    HELD,
+    INPUTS,
+    MOVED,
+    NOT_DUE,
+    OuterLoopState,
+    begins,
+    initial_loop,
+    step,
+)
 from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
 from heli_outer_pd.phases import ActiveOuterLoop, Phases
-from heli_outer_pd.position_health import answer, begin_above, flown_in_words
-from heli_outer_pd.position_law import follow
+from heli_outer_pd.position_health import answer, flown_in_words
 from heli_outer_pd.python_controller import OwnPositionLaw, own_law
-from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, moved, offset_to, warm_up
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, warm_up
 from heli_outer_pd.script import script_of
 from heli_outer_pd.state import (
     MACHINE,
@@ -56,7 +64,6 @@ from heli_outer_pd.state import (
     OuterParams,
     OuterState,
     OuterStatus,
-    initial_state,
 )
 
 # -------------------------------------------------------------------------------------------------
@@ -81,7 +88,10 @@ class ConfiguredOuterLoop(TickCore):
         What pilots ask, done or refused.
     params : OuterParams
         Numbers of the law; swapped when parameters change.
-    state : OuterState
+    loop : OuterLoopState
+        What the outer loop knows; of it `state` is the law's, `nav` the navigation that the law
+        has flown by, `offset_ned_m` by how much the reference was moved where the law engaged
+        (None before).
     limits : ReferenceLimits
         What a reference may ask for.
     goto : Goto
@@ -90,15 +100,12 @@ class ConfiguredOuterLoop(TickCore):
         The reference, once it has come.
     trajectory : Trajectory or None
         What is followed of it: itself, or from where the law has engaged.
-    offset_ned_m : (3,) array or None
-        From `reference` to `trajectory`; None until the law has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
     inbox : Inbox
         What has come for a tick.
-    heard : HeardNavigation
-    nav, out : arrays
-        Navigation row of this tick and what the law makes of it.
+    out : (4,) array
+        The law's last command.
     commanders : dict of EverSent
         Per topic of commands who sends them, or has sent one.
     send_trajectory : callable
@@ -121,19 +128,16 @@ class ConfiguredOuterLoop(TickCore):
 
     commands: Commands
     params: OuterParams
-    state: OuterState
+    loop: OuterLoopState
     send_attitude: Send
     send_collective: Send
     send_trajectory: Callable[[Any], None]
     limits: ReferenceLimits
     goto: Goto
-    heard: HeardNavigation
     inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
     reference: Trajectory | None = None
     trajectory: Trajectory | None = None
-    offset_ned_m: np.ndarray | None = None
     home_ned_m: np.ndarray | None = None
-    nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
     commanders: dict[str, EverSent] = field(
         default_factory=lambda: {t: EverSent() for t in COMMANDS}
@@ -145,6 +149,26 @@ class ConfiguredOuterLoop(TickCore):
     armed: bool = True
     goals: Goals = field(default_factory=Goals)
     flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))
+
+    @property
+    def state(self) -> OuterState:
+        """State of the law."""
+        return self.loop.law
+
+    @property
+    def nav(self) -> np.ndarray:
+        """Navigation row (31,) that the law has flown by."""
+        return self.loop.nav
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the law has had a position, from which on the reference stays where it is."""
+        return bool(self.loop.engagement[ENGAGEMENT.tick] != NOTHING)
+
+    @property
+    def offset_ned_m(self) -> np.ndarray | None:
+        """From `reference` to `trajectory`, NED, m; None until the law has engaged."""
+        return self.loop.offset_ned_m if self.engaged else None
 
 
 # -------------------------------------------------------------------------------------------------
@@ -169,13 +193,12 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core = ConfiguredOuterLoop(
             commands=commands,
             params=kernel,
-            state=initial_state(kernel),
+            loop=self._initial_loop(kernel),
             send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
             send_collective=self.create_sender(topics.COLLECTIVE),
             send_trajectory=self._way_teller(),
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
-            heard=self._no_navigation(),
             flies=own_law(self.values["own_law"]),
             pace=self.listen((Input(topics.ODOM, Demand()), self._rotor_speed())),
         )
@@ -195,8 +218,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.create_wall_timer(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
-    def _no_navigation(self) -> HeardNavigation:
-        return no_navigation(self.values["navigation_timeout_s"], self.rate)
+    def _initial_loop(self, k: OuterParams) -> OuterLoopState:
+        return initial_loop(k, self.values["navigation_timeout_s"], self.rate)
 
     def _rotor_speed(self) -> Input:
         every = self.rate.of(self.values["rotor_speed_period_ticks"])
@@ -204,15 +227,11 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
 
     def _warm_up(self, core: ConfiguredOuterLoop) -> None:
         """Load the compiled law before the first tick."""
-        state = initial_state(core.params)
-        follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.params, state, core.out)
-        listen(state, core.heard, core.inbox, 0, core.params)
-        navigate(state, core.heard, 0, core.nav)
-        offset_to(core.nav[NAV.pos], 0, _NOWHERE.times_ns, _NOWHERE.points)
-        moved(_NOWHERE, np.zeros(3))
+        spare, points = self._initial_loop(core.params), _NOWHERE.points.copy()
+        step(spare, core.inbox, 0, 1, 0, _NOWHERE.times_ns, points, core.params, core.out)
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
-        warm_up(core.params, state)
+        warm_up(core.params, spare.law)
 
     def _name_commanders(self) -> None:
         """Say who sends commands if they are several: each may, so all of them are followed."""
@@ -307,8 +326,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
 
     def _as_given(self, trajectory: Trajectory) -> None:
         """What is followed from now on is flown where it says, and no goto is any more."""
-        if self.core.offset_ned_m is not None:
-            self.core.offset_ned_m = np.zeros(3)
+        self.core.loop.offset_ned_m[:] = 0.0
         if self.active:
             self.run.diverted = None
             self.run.phases.follow(trajectory, self.stamp_ns(self.tick))
@@ -342,8 +360,12 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
 
     def engage(self) -> ActiveOuterLoop:
         """Begin; wait for the reference only if somebody is there to send it."""
-        self.core.state = initial_state(self.core.params)
-        self.core.heard = self._no_navigation()
+        core, loop = self.core, self._initial_loop(self.core.params)
+        if core.reference is not None:
+            # Where it has begun it stays, though the law engages again.
+            loop.engagement[ENGAGEMENT.tick] = core.loop.engagement[ENGAGEMENT.tick]
+            loop.offset_ned_m[:] = core.loop.offset_ned_m
+        core.loop = loop
         others = self.count_publishers(topics.REFERENCE) - 1  # it is one itself
         awaited = "scenario" in self.values["peers"] or others > 0
         return ActiveOuterLoop(time.monotonic(), awaited, self._phases())
@@ -361,9 +383,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
 
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
-        self.core.state = initial_state(self.core.params)
-        self.core.heard = self._no_navigation()
-        self.core.trajectory, self.core.offset_ned_m = self.core.reference, None
+        self.core.loop = self._initial_loop(self.core.params)
+        self.core.trajectory = self.core.reference
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
 
@@ -373,62 +394,63 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         trajectories = (
             core.reference,
             core.trajectory,
-            core.offset_ned_m,
             core.home_ned_m,
             core.followed,
             core.armed,
             core.goals,
         )
-        return core.state, trajectories, vars(run)
+        engagement = core.loop.engagement, core.loop.offset_ned_m
+        return core.state, engagement, trajectories, vars(run)
 
     def restore_state(self, content: Any, gap: bool) -> None:
         """Go on in the same phase, along the same reference."""
         core = self.core
-        core.state, trajectories, run = content
+        law, (engagement, offset_ned_m), trajectories, run = content
+        engagement[ENGAGEMENT.velocity] |= gap
+        core.loop = core.loop._replace(law=law, engagement=engagement, offset_ned_m=offset_ned_m)
         (
             core.reference,
             core.trajectory,
-            core.offset_ned_m,
             core.home_ned_m,
             core.followed,
             core.armed,
             core.goals,
         ) = trajectories
         core.repeated = list(core.followed)
-        self.run.take(run, gap)
+        self.run.take(run)
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
-        core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
+        core, stamp_ns = self.core, self.stamp_ns(tick)
         deliver(core.inbox, INPUTS, arrived)
-        listen(core.state, core.heard, core.inbox, tick, core.params)
-        if tick % self.rate.of(self.values["period_ticks"]):
+        engaged = core.engaged
+        trajectory = self._followed() if engaged else self._to_engage_on()
+        assert trajectory is not None  # what the law has engaged on is kept
+        reference = stamp_ns - trajectory.start_ns, trajectory.times_ns, trajectory.points
+        period_ticks = self.rate.of(self.values["period_ticks"])
+        inputs = core.inbox, tick, period_ticks, *reference, core.params
+        code = core.flies.step(core.loop, *inputs, core.out)
+        if code == NOT_DUE:
             return
-        nav = core.nav
-        navigate(core.state, core.heard, tick, nav)
-        run.reset_velocity(nav, core.state)
-        if core.reference is None and run.held is None and flyable(nav):
-            run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
+        if core.engaged and not engaged and core.reference is None:
+            self.run.held = trajectory
             if core.home_ned_m is None:
-                core.home_ned_m = nav[NAV.pos].copy()
-        if core.offset_ned_m is None and flyable(core.nav):
-            self._anchor(stamp_ns)
-        trajectory = self._followed()
-        if trajectory is None:
-            # Nothing to hold yet: neither reference nor position. Repeat the last command.
-            core.nav[:], trajectory = np.nan, _NOWHERE
-        inputs = (
-            core.nav,
-            stamp_ns - trajectory.start_ns,
-            trajectory.times_ns,
-            trajectory.points,
-            core.params,
-        )
-        code = core.flies.step(tick, tick * self.rate.tick_s, *inputs, core.state, core.out, follow)
+                core.home_ned_m = core.nav[NAV.pos].copy()
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
         core.send_collective(with_manual(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
         self._tell(code)
+
+    def _to_engage_on(self) -> Trajectory:
+        """What the step that engages the law flies as it is, moves, or fills in."""
+        core, engagement = self.core, self.core.loop.engagement
+        if core.trajectory is None:
+            engagement[ENGAGEMENT.reference] = HELD
+            return Trajectory.hover(np.zeros(3), 0.0)
+        engagement[ENGAGEMENT.reference] = begins(self.values)
+        if engagement[ENGAGEMENT.reference] == MOVED and core.trajectory is core.reference:
+            core.trajectory = replace(core.trajectory, points=core.trajectory.points.copy())
+        return core.trajectory
 
     def _look(self, stamp_ns: int) -> None:
         """After a step: what follows from it, and what was ordered for now."""
@@ -444,19 +466,6 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.urgent = core.goals.look(phases)
         while phases.remarks:
             self.get_logger().warning(phases.remarks.pop(0))
-
-    def _anchor(self, stamp_ns: int) -> None:
-        """The law engages: the reference begins here, if it is to; later ones stay as given."""
-        core = self.core
-        core.offset_ned_m = np.zeros(3)
-        anchored = self.values["reference_anchor"] == "engagement"
-        if core.reference is not None and anchored and not self.values["start.on_ground"]:
-            planned = core.reference
-            core.offset_ned_m = offset_to(
-                core.nav[NAV.pos], stamp_ns - planned.start_ns, planned.times_ns, planned.points
-            )
-            core.trajectory = moved(planned, core.offset_ned_m)
-            begin_above(core.offset_ned_m[2], core.state)
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core

@@ -624,8 +624,6 @@ class ActiveOuterLoop:
         What the flight does, from the ground to the ground.
     diverted : Trajectory or None
         The way of the last command, followed until a reference comes.
-    rejoins : bool
-        True until the first step after a gap.
     """
 
     begun_s: float
@@ -634,19 +632,8 @@ class ActiveOuterLoop:
     held: Trajectory | None = None
     engaged: bool = False
     diverted: Trajectory | None = None
-    velocity_reset_due: bool = False
 
-    def take(self, known: Mapping[str, Any], gap: bool) -> None:
-        """Go on from the fields that a predecessor had; `gap`: time has gone by since."""
+    def take(self, known: Mapping[str, Any]) -> None:
+        """Go on from the fields that a predecessor had."""
         for name, value in known.items():
             setattr(self, name, value)
-        self.velocity_reset_due = gap
-
-    def reset_velocity(self, nav: NDArray[np.float64], state: OuterState) -> None:
-        """After a gap, as soon as there is navigation: estimate the velocity from that of now.
-
-        The law's own estimate is of another moment; what it knows of the disturbance stays.
-        """
-        if self.velocity_reset_due and flyable(nav):
-            self.velocity_reset_due = False
-            state.x[MEMORY.vel] = nav[NAV.vel]

@@ -16,11 +16,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.inbox import Inbox
 from heli_core.python_controller import OUTER, LawError, PythonLaw, find
 from heli_core.rotations import wrap_pi
 from heli_core.rows import SETPOINT, SHAPED
 from heli_core.signals import add_sweep
 from heli_core.ticks import NS_PER_S
+from heli_outer_pd.outer_loop import OuterLoopState, step
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.state import (
     FLIES,
@@ -39,7 +41,7 @@ _FADE_S = 0.5  # as where a pilot hands over
 
 
 class OwnPositionLaw:
-    """What calls the law once a period.
+    """What steps the outer loop, with the law in the place of the packaged one.
 
     Parameters
     ----------
@@ -65,41 +67,43 @@ class OwnPositionLaw:
 
     def step(
         self,
+        state: OuterLoopState,
+        inbox: Inbox,
         tick: int,
-        time_s: float,
-        nav: Array,
-        way_ns: int,
+        period_ticks: int,
+        time_ns: int,
         times_ns: NDArray[np.int64],
         points: Array,
         k: OuterParams,
-        state: OuterState,
         out: Array,
-        packaged: Callable[..., int],
+        packaged: Callable[..., int] = step,
     ) -> int:
-        """One step; arguments and outcome as of `position_law.follow`, which is `packaged`.
+        """One tick; arguments and outcome as of `outer_loop.step`, which is `packaged`.
 
         Where the law has failed the last command is repeated: BAD_REFERENCE, and `law.failure`.
         """
+        reference = time_ns, times_ns, points
         if self.law is None:
-            return packaged(nav, way_ns, times_ns, points, k, state, out)
-        before = state.x[MEMORY.command].copy()
-        code = packaged(nav, way_ns, times_ns, points, k, state, out)
+            return packaged(state, inbox, tick, period_ticks, *reference, k, out)
+        flown, nav, time_s = state.law, state.nav, tick * state.heard.tick_s
+        before = flown.x[MEMORY.command].copy()
+        code = packaged(state, inbox, tick, period_ticks, *reference, k, out)
         if code != OuterStatus.OK:
             return code
-        if not _leads(state):
+        if not _leads(flown):
             self._begins, self._from_trim = True, False
             return code
         ref = self._reference
-        shaped_reference_at(way_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
+        shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
         if self._begins:
             self.law.reset(nav, ref, before, tick, time_s)
         made = self.law.step(nav, ref, tick, time_s)
         if made is None:
-            out[:] = state.x[MEMORY.command] = before
+            out[:] = flown.x[MEMORY.command] = before
             return OuterStatus.BAD_REFERENCE
-        out[:] = state.x[MEMORY.command] = self._limited(self._faded(made, before, k), k)
+        out[:] = flown.x[MEMORY.command] = self._limited(self._faded(made, before, k), k)
         if k.sweep.shape != 0:
-            add_sweep(way_ns / NS_PER_S, k.sweep, out)
+            add_sweep(time_ns / NS_PER_S, k.sweep, out)
         return code
 
     def _faded(self, made: Array, before: Array, k: OuterParams) -> Array:

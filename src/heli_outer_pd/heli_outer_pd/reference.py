@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.errors import CausedError
-from heli_core.jit import copy, fill, njit, njit_counted, scratch
+from heli_core.jit import copy, fill, njit, scratch
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, REFERENCE, SHAPED
 from heli_core.ticks import NS_PER_S
@@ -34,19 +34,11 @@ _CATCH_UP = 10  # one second of a trajectory's late start is caught up in so man
 
 @njit
 def fill_offset(pos_ned_m, time_ns, times_ns, points, offset):
-    """As `offset_to`, into offset (3,)."""
+    """Offset (3,), NED, m, from the trajectory at time_ns to a position (3,), into offset."""
     now = scratch(_N_REFERENCE)
     reference_at(time_ns, times_ns, points, now)
     for j in range(3):
         offset[j] = pos_ned_m[j] - now[j]
-
-
-@njit_counted
-def offset_to(pos_ned_m, time_ns, times_ns, points):
-    """Offset (3,), NED, m, from the trajectory at time_ns to a position (3,)."""
-    offset = np.empty(3)
-    fill_offset(pos_ned_m, time_ns, times_ns, points, offset)
-    return offset
 
 
 @njit

@@ -12,7 +12,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.reference import moved, offset_to
+from heli_outer_pd.reference import fill_offset, moved
 
 HERE = np.array([1.5, -0.7, -10.9])
 CLIMB = Trajectory.hover_climb_hover(np.array([0.0, 0.0, -10.0]), 0.3, 0.02, 4.0, 2.5)
@@ -72,6 +72,7 @@ def test_a_reference_that_comes_in_flight_is_flown_where_it_says(fly):
 
 
 def test_offset_and_move_are_inverse():
-    offset = offset_to(HERE, 2_000_000_000, CLIMB.times_ns, CLIMB.points)
+    offset = np.empty(3)
+    fill_offset(HERE, 2_000_000_000, CLIMB.times_ns, CLIMB.points, offset)
     np.testing.assert_allclose(moved(CLIMB, offset).at(2_000_000_000)[:3], HERE, atol=1e-12)
     assert CLIMB.points[0, 2] == -10.0, "the given one is not touched"

@@ -32,11 +32,9 @@ from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import CHANNELS, MessageError
 from heli_msgs_bridge.messages import Decoder, Encoder
 from heli_observer import observer
-from heli_outer_pd import position_law
-from heli_outer_pd import reference as anchor
-from heli_outer_pd.disturbance import hear_rotor
+from heli_outer_pd import outer_loop
 from heli_outer_pd.parameters import outer_params
-from heli_outer_pd.reference import moved, offset_to
+from heli_outer_pd.reference import warm_up
 
 # numba makes many objects that live long: looking for garbage as often as usual costs an eighth.
 _GARBAGE_THRESHOLD = 100_000
@@ -60,13 +58,13 @@ def _plant(settings: Settings) -> None:
 
 
 def _laws(settings: Settings) -> None:
-    outer, trajectory = outer_params(settings.nodes["outer_loop"]), settings.scenario.reference
-    state, out = position_law.initial_state(outer), np.zeros(SETPOINT.size)
-    hear_rotor(state, 0.0, 0.0, outer)
+    values, reference = settings.nodes["outer_loop"], settings.scenario.reference
+    outer, inbox = outer_params(values), empty_inbox(len(outer_loop.INPUTS))
+    known = outer_loop.initial_loop(outer, values["navigation_timeout_s"], settings.rate)
+    arguments = reference.times_ns, reference.points.copy(), outer, np.zeros(SETPOINT.size)
+    outer_loop.step(known, inbox, 0, 1, 0, *arguments)
     nav = np.zeros(NAV.size)
-    moved(trajectory, offset_to(nav[NAV.pos], 0, trajectory.times_ns, trajectory.points))
-    position_law.follow(nav, 0, trajectory.times_ns, trajectory.points, outer, state, out)
-    anchor.warm_up(outer, state)
+    warm_up(outer, known.law)
     inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params
     x9 = np.zeros(len(NINE))
     nine_states(nav, nav[NAV.rotor], x9)
