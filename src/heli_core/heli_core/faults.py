@@ -17,6 +17,7 @@ import yaml
 from heli_core.errors import ParameterCause, ParameterError
 from heli_core.foreign_files import FileError, compose_yaml
 from heli_core.rcl_yaml import number, printable, scalar
+from heli_core.sensors import SENSORS
 
 NONE = "none"
 """What a parameter of faults says where there is none: rcl does not take an empty array."""
@@ -108,6 +109,7 @@ OF_SENSORS = ("loss", "freeze", "zero", "nan", "bias", "drift", "jump", "noise",
               "duplicate", "reorder")  # fmt: skip
 OF_ACTUATORS = ("stuck", "offset", "slow", "dead_zone", "runaway")
 _NED, _BODY = "north, east, down", "forward, right, down"
+_AXES = {"body": _BODY, "ned": _NED, "each": ""}
 _ACTUATOR = Place(1, "", "", 0.0, OF_ACTUATORS)
 
 PLACES: dict[str, Place] = {
@@ -116,9 +118,10 @@ PLACES: dict[str, Place] = {
     "imu": Place(6, "m/s² and rad/s", _BODY, 0.5, OF_SENSORS),
     "accel": Place(3, "m/s²", _BODY, 0.5, OF_SENSORS),
     "gyro": Place(3, "rad/s", _BODY, 0.05, OF_SENSORS),
-    "mag": Place(3, "T", _BODY, 1e-5, OF_SENSORS),
-    "baro": Place(1, "Pa", "", 50.0, OF_SENSORS),
-    "rotor_speed": Place(1, "rad/s", "", -20.0, OF_SENSORS),
+    **{
+        row.name: Place(row.numbers, row.unit, _AXES[row.axes], row.fault, OF_SENSORS)
+        for row in SENSORS
+    },
     "imu2": Place(6, "m/s² and rad/s", _BODY, 0.5, OF_SENSORS),
     "accel2": Place(3, "m/s²", _BODY, 0.5, OF_SENSORS),
     "gyro2": Place(3, "rad/s", _BODY, 0.05, OF_SENSORS),

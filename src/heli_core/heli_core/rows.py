@@ -12,6 +12,8 @@ NED and FRD, SI, rad; quaternions are (w, x, y, z), body -> NED. What a package 
 
 from typing import NamedTuple
 
+from heli_core.sensors import PLACES, ROTOR_SPEED, SENSED
+
 # -------------------------------------------------------------------------------------------------
 # Rows.
 # -------------------------------------------------------------------------------------------------
@@ -29,7 +31,7 @@ class MeasurementRow(NamedTuple):
     """What the plant's sensors say at a tick (28,), and the wind that none of them measures (31,).
 
     A value that did not arrive at this tick is 0, and so is its flag; so is all of a second IMU
-    where there is none.
+    where there is none. A new sensor (`sensors.PLAIN`) has its places behind the rotor's speed.
     """
 
     force: slice = slice(0, 3)  # specific force, body, m/s2
@@ -46,11 +48,11 @@ class MeasurementRow(NamedTuple):
     force2: slice = slice(20, 23)  # of a second IMU: specific force, body, m/s2
     rate2: slice = slice(23, 26)  # body rates, rad/s
     imu2: slice = slice(20, 26)  # both, an ImuRow
-    rotor: int = 26  # speed of the main rotor, rad/s
-    rotor_valid: int = 27
-    sensed: int = 28  # length of what a sensor said: an observer reads nothing behind it
-    wind: slice = slice(28, 31)  # true velocity of the air, NED, m/s
-    size: int = 31
+    rotor: int = PLACES[ROTOR_SPEED.name].first  # speed of the main rotor, rad/s
+    rotor_valid: int = PLACES[ROTOR_SPEED.name].valid
+    sensed: int = SENSED  # length of what a sensor said: an observer reads nothing behind it
+    wind: slice = slice(SENSED, SENSED + 3)  # true velocity of the air, NED, m/s
+    size: int = SENSED + 3
 
 
 class NavigationRow(NamedTuple):

@@ -8,12 +8,24 @@ from heli_core import rows
 from heli_core import rows as state_names
 from heli_core.jit import njit_counted
 from heli_core.rows import MEAS, NAV, PLANT, TRUTH
+from heli_core.sensors import AIDS, BARO, MAG, NORMALS, PLACES, PLAIN, ROTOR_SPEED, SENSED, SENSORS
+
+
+def _plain():
+    """Numbers and flag of each plain sensor, one sensor after the other."""
+    words = []
+    for sensor in PLAIN:
+        name = "omega" if sensor is ROTOR_SPEED else sensor.name
+        each = [name] if sensor.numbers == 1 else [f"{name}_{i}" for i in range(sensor.numbers)]
+        words += [*each, f"{name}?"]
+    return " ".join(words)
+
 
 # Spelled out a second time, in words of eq. (1) to (10) and of the topics: bags hold these rows.
 SPELLED = {
     "IMU": "fx fy fz p q r",
     "MEAS": "fx fy fz p q r mx my mz baro n e d vn ve vd mag? baro? gps? tick "
-    "fx2 fy2 fz2 p2 q2 r2 omega omega? wn we wd",
+    f"fx2 fy2 fz2 p2 q2 r2 {_plain()} wn we wd",
     "NAV": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int bp bq br bx by bz "
     "sn se sd svn sve svd srn sre srd",
     "TRUTH": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int wn we wd",
@@ -77,8 +89,27 @@ def test_each_place_has_a_name_and_the_size_fits(name):
     named = np.zeros(length, dtype=int)
     for field in set(row._fields) - set(_LENGTHS):
         named[getattr(row, field)] += 1
+    for sensor in SENSORS if name == "MEAS" else ():
+        at = PLACES[sensor.name]
+        named[[*range(at.first, at.first + at.numbers), at.valid]] += 1
     assert named.all()
     assert getattr(row, "size", length) == length
+
+
+def test_sensors_have_places_of_their_own():
+    """No number of a measurement row, and no normal, belongs to two of them."""
+    taken, drawn = [], []
+    for row in SENSORS:
+        at = PLACES[row.name]
+        taken += [*range(at.first, at.first + at.numbers), at.valid]
+        drawn += [*range(at.white, at.white + at.numbers), at.lost]
+        drawn += range(at.fault, at.fault + at.numbers)
+    for places, length in ((taken, SENSED), (drawn, NORMALS)):
+        assert len(places) == len(set(places)) and max(places) == length - 1
+    mag, baro = PLACES[MAG.name], PLACES[BARO.name]
+    assert (slice(mag.first, mag.first + mag.numbers), mag.valid) == (MEAS.mag, MEAS.mag_valid)
+    assert (baro.first, baro.valid) == (MEAS.baro, MEAS.baro_valid)
+    assert AIDS[:2] == (MAG, BARO)
 
 
 def test_all_rows_are_spelled_out():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from heli_core.errors import ParameterCause, ParameterError, PlantConfigError
 from heli_core.faults import Fault, faults_of
 from heli_core.jit import by_reference
+from heli_core.sensors import PLAIN, SENSORS
 from heli_core.ticks import OF_100_HZ, TICK_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
 from heli_dynamics_sim.airframe import STEP_S
@@ -25,9 +26,9 @@ from heli_dynamics_sim.sensors import (
     ImuErrorParams,
     ImuParams,
     MagParams,
+    PlainParams,
     PortParams,
     PowerFieldParams,
-    RotorSpeedParams,
     SensorParams,
     VibrationParams,
 )
@@ -93,13 +94,13 @@ def sensor_params(
         get("baro.clock_jitter_s"),
         _port(get, helicopter),
     )
-    rotor = RotorSpeedParams(
-        get("rotor_speed.white_radps"),
-        get("rotor_speed.step_radps"),
-        rate.of(get("rotor_speed.period_ticks")),
+    plain = PlainParams(
+        np.array([get(f"{row.name}.white_{row.suffix}") for row in PLAIN], dtype=np.float64),
+        np.array([get(f"{row.name}.step_{row.suffix}") for row in PLAIN], dtype=np.float64),
+        np.array([rate.of(get(f"{row.name}.period_ticks")) for row in PLAIN], dtype=np.int64),
     )
     imu, imu2 = _imu(get, helicopter, rate.tick_s), bool(get("imu2.enabled"))
-    return SensorParams(imu, mag, baro, _gps(get, rate), rotor, imu2)
+    return SensorParams(imu, mag, baro, _gps(get, rate), plain, imu2)
 
 
 def _imu(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuParams:
@@ -207,7 +208,7 @@ def _gps_errors(get: _Get, axes: Any) -> GpsErrorParams:
     )
 
 
-def message_variances(v: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:
+def message_variances(v: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     """What the sensors' messages say of their errors: per group of numbers, SI^2.
 
     Parameters
@@ -217,22 +218,21 @@ def message_variances(v: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:
 
     Returns
     -------
-    tuple of tuple
-        Of IMU, magnetometer, barometer, fix and its velocity; a group with three variances has one
-        per axis.
+    dict of tuple
+        Of `imu`, `gps`, `gps_velocity` and each of `SENSORS`, by name; a group with three variances
+        has one per axis.
     """
     tick_s = Rate.of_parameters(v).tick_s
     gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
     level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
     if v["sensors.gps.covariance"] == "honest":
         level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
-    return (
-        (gyro**2 / tick_s, accel**2 / tick_s),
-        (v["sensors.mag.white_t"] ** 2,),
-        (v["sensors.baro.white_pa"] ** 2,),
-        ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
-        (v["sensors.gps.velocity_mps"] ** 2,),
-    )
+    return {
+        "imu": (gyro**2 / tick_s, accel**2 / tick_s),
+        "gps": ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
+        "gps_velocity": (v["sensors.gps.velocity_mps"] ** 2,),
+        **{row.name: (v[f"sensors.{row.name}.white_{row.suffix}"] ** 2,) for row in SENSORS},
+    }
 
 
 # -------------------------------------------------------------------------------------------------

@@ -18,9 +18,11 @@ from heli_core.errors import PlantConfigError
 from heli_core.faults import KINDS, PAST_S, WIND, Fault
 from heli_core.jit import by_reference, copy, fill, njit, scratch
 from heli_core.rows import ACTUATOR, AIR, MEAS
+from heli_core.sensors import PLACES
+from heli_core.sensors import SENSORS as SAMPLED
 from heli_core.ticks import Rate
 from heli_dynamics_sim.noise import NOISE
-from heli_dynamics_sim.sensors import SensorParams
+from heli_dynamics_sim.sensors import SensorParams, periods, white_noise
 
 # -------------------------------------------------------------------------------------------------
 # Faults.
@@ -52,6 +54,7 @@ class FaultRow(NamedTuple):
 FAULT = FaultRow()
 _VALUE = FAULT.value.start
 _N_SENSED = MEAS.sensed
+_SAMPLES = tuple(PLACES[row.name] for row in SAMPLED)
 
 
 @by_reference
@@ -156,23 +159,18 @@ def _finite(values):
 @njit
 def _settle(tick, k, y):
     """What a listener takes of the messages: nothing of one with a number that is not finite."""
-    imu, imu2, mag = y[MEAS.imu], y[MEAS.imu2], y[MEAS.mag]
+    imu, imu2 = y[MEAS.imu], y[MEAS.imu2]
     if not _finite(imu):
         fill(imu, math.nan)
     if not _finite(imu2):
         fill(imu2, math.nan)
-    if not _finite(mag):
-        y[MEAS.mag_valid] = 0.0
-    if y[MEAS.mag_valid] == 0.0:
-        fill(mag, 0.0)
-    if not math.isfinite(y[MEAS.baro]):
-        y[MEAS.baro_valid] = 0.0
-    if y[MEAS.baro_valid] == 0.0:
-        y[MEAS.baro] = 0.0
-    if not math.isfinite(y[MEAS.rotor]):
-        y[MEAS.rotor_valid] = 0.0
-    if y[MEAS.rotor_valid] == 0.0:
-        y[MEAS.rotor] = 0.0
+    for which in range(len(_SAMPLES)):
+        at = _SAMPLES[which]
+        sample = y[at.first : at.first + at.numbers]
+        if not _finite(sample):
+            y[at.valid] = 0.0
+        if y[at.valid] == 0.0:
+            fill(sample, 0.0)
     pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
     if not _finite(pos):
         y[MEAS.gps_valid] = 0.0
@@ -228,10 +226,10 @@ def spoil_sensors(state, tick, noise, k, y):
         _settle(tick, k, y)
     _hold(y, MEAS.imu.start, 6, -1, stuck, held)
     _hold(y, MEAS.imu2.start, 6, -1, stuck, held)
-    _hold(y, MEAS.mag.start, 3, MEAS.mag_valid, stuck, held)
-    _hold(y, MEAS.baro, 1, MEAS.baro_valid, stuck, held)
+    for which in range(len(_SAMPLES)):
+        at = _SAMPLES[which]
+        _hold(y, at.first, at.numbers, at.valid, stuck, held)
     _hold(y, MEAS.gps_pos.start, 6, MEAS.gps_valid, stuck, held)
-    _hold(y, MEAS.rotor, 1, MEAS.rotor_valid, stuck, held)
 
 
 @njit
@@ -312,11 +310,10 @@ SENSORS = {
     "imu": _sensor(IMU, 6, 6, -1, 2),
     "accel": _sensor(MEAS.force.start, 3, 3, -1, 2),
     "gyro": _sensor(MEAS.rate.start, 3, 3, -1, 2),
-    "mag": _sensor(MEAS.mag.start, 3, 3, MEAS.mag_valid, 3),
-    "baro": _sensor(MEAS.baro, 1, 1, MEAS.baro_valid, 4),
-    "rotor_speed": Sensor(
-        MEAS.rotor, 1, 1, MEAS.rotor_valid, NOISE.fault_rotor_lost, NOISE.fault_rotor
-    ),
+    **{
+        name: Sensor(at.first, at.numbers, at.numbers, at.valid, at.lost, at.fault)
+        for name, at in PLACES.items()
+    },
     **SECOND,
 }
 ACTUATORS = {
@@ -395,11 +392,9 @@ def _sensor_row(fault: Fault, sensors: SensorParams, rate: Rate, where: str) -> 
         of.first,
         of.axes if KINDS[fault.kind].per_axis or fault.kind == "noise" else of.numbers,
     )
-    period = {
-        "mag": sensors.mag.period, "baro": sensors.baro.period,
-        "gps": sensors.gps.period, "gps_velocity": sensors.gps.period,
-        "rotor_speed": sensors.rotor.period,
-    }.get(fault.what, 1)  # fmt: skip
+    sampled = dict(zip((row.name for row in SAMPLED), periods(sensors), strict=True))
+    of_fixes = dict.fromkeys(("gps", "gps_velocity"), sensors.gps.period)
+    period = (sampled | of_fixes).get(fault.what, 1)
     row[FAULT.period], row[FAULT.flag], row[FAULT.lost] = period, of.flag, of.lost
     row[FAULT.normals] = of.normals
     values = row[FAULT.value]
@@ -408,8 +403,7 @@ def _sensor_row(fault: Fault, sensors: SensorParams, rate: Rate, where: str) -> 
     if fault.kind == "noise":
         more = math.sqrt(fault.value[0] ** 2 - 1.0)
         like = of.first - IMU2 + IMU if fault.what in SECOND else of.first
-        white = _white(sensors)[like : like + of.axes]
-        values[: of.axes] = more * (sensors.rotor.white if of.first == MEAS.rotor else white)
+        values[: of.axes] = more * _white(sensors)[like : like + of.axes]
     if fault.kind == "delay":
         values[0] = max(1, round(rate.ticks_in(fault.value[0]) / period)) * period
     slowest = {"delay": values[0], "duplicate": period, "reorder": 3 * period}
@@ -422,11 +416,13 @@ def _sensor_row(fault: Fault, sensors: SensorParams, rate: Rate, where: str) -> 
 
 
 def _white(sensors: SensorParams) -> np.ndarray:
-    """White noise of each number of a measurement row, up to the GPS's velocity (16,)."""
-    imu, gps = sensors.imu, sensors.gps
-    parts = [np.repeat([imu.accel_white, imu.gyro_white, sensors.mag.white], 3)]
-    parts += [np.array([sensors.baro.white]), gps.white_m, np.full(3, gps.velocity_mps)]
-    return np.concatenate(parts)
+    """White noise of each number of a measurement row (28,); of a second IMU none stands here."""
+    white, imu, gps = np.zeros(MEAS.sensed), sensors.imu, sensors.gps
+    white[MEAS.force], white[MEAS.rate] = imu.accel_white, imu.gyro_white
+    white[MEAS.gps_pos], white[MEAS.gps_vel] = gps.white_m, gps.velocity_mps
+    for at, level in zip(_SAMPLES, white_noise(sensors), strict=True):
+        white[at.first : at.first + at.numbers] = level
+    return white
 
 
 # -------------------------------------------------------------------------------------------------

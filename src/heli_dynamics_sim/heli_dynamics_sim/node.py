@@ -20,12 +20,14 @@ from heli_core.errors import ParameterError, PlantConfigError
 from heli_core.faults import NONE, begun
 from heli_core.jit import direct
 from heli_core.rows import ACTUATOR, JOINTS, MEAS, PLANT
+from heli_core.sensors import PLACES, SENSORS
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.config import message_variances
 from heli_dynamics_sim.faults import CLEAR_FAULTS, FAULTS, FaultLog, acting
 from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
 from heli_dynamics_sim.parameters import TABLE
+from heli_dynamics_sim.sensors import periods
 from heli_dynamics_sim.servo import Fallback, FallbackNumbers
 from heli_dynamics_sim.wind import injected_gust
 from heli_msgs_bridge import signatures, topics
@@ -76,6 +78,8 @@ class ConfiguredPlant(TickCore):
         Send what the aircraft looks like, latched.
     truth_sums : sums.SumWriter or None
         Of the ground truth that is sent, for who scores the flight.
+    periods : tuple of int
+        Ticks from sample to sample, of each of `SENSORS`.
     measure, advance : callable
         Compiled, for numbers of these types.
     """
@@ -97,6 +101,7 @@ class ConfiguredPlant(TickCore):
     fault_log: FaultLog = field(default_factory=FaultLog)
     describe: list[Callable[[], None]] = field(default_factory=list)
     truth_sums: signatures.ChecksumWriter | None = None
+    periods: tuple[int, ...] = field(init=False)
     measure: Callable[..., None] = field(init=False)
     advance: Callable[..., None] = field(init=False)
 
@@ -106,7 +111,7 @@ class ConfiguredPlant(TickCore):
     def fly(self, config: plant.PlantConfig) -> None:
         """Fly these numbers from now on."""
         k, state = config.params, self.state
-        self.config = config
+        self.config, self.periods = config, periods(k.sensors)
         self.measure = direct(plant.measure, state, 0, np.zeros(NOISE.size), k, self.y)
         self.advance = direct(plant.advance, state, self.u, k)
 
@@ -252,7 +257,11 @@ _NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the ot
 _FLYING = "flying"
 _ENCODE_CLOCK = ClockEncoder().encode
 _NOTHING = np.full(3, np.nan)
-_VARIED = (topics.IMU, topics.MAG, topics.BARO, topics.GPS_FIX, topics.GPS_VELOCITY)
+_SAMPLES = tuple(
+    (row.topic, slice(at.first, at.first + at.numbers), at.valid, np.full(at.numbers, np.nan))
+    for row, at in ((row, PLACES[row.name]) for row in SENSORS)
+)
+"""Of each sensor its topic, its places in the measurement row, its flag, and what says nothing."""
 
 
 class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
@@ -333,11 +342,16 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         status = FIX_STATUS[v["sensors.gps.augmentation"]]
         sines = (topics.EXCITATION_WIND,) if config.wind.sines.on else ()
         second = (topics.IMU2,) if config.sensors.imu2 else ()
-        rotor = (topics.ROTOR_SPEED,)
         truth = (topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
-        names = (*_VARIED, *rotor, *truth, *second, *sines)
-        varied = dict(zip(_VARIED, message_variances(v), strict=True))
-        varied[topics.IMU2] = varied[topics.IMU]
+        variances = message_variances(v)
+        varied = {
+            topics.IMU: variances["imu"],
+            topics.GPS_FIX: variances["gps"],
+            topics.GPS_VELOCITY: variances["gps_velocity"],
+            **{row.topic: variances[row.name] for row in SENSORS},
+        }
+        names = (*varied, *truth, *second, *sines)
+        varied[topics.IMU2] = variances["imu"]
         places = {topics.GPS_FIX: origin}
         return {
             name: self.create_sender(
@@ -417,21 +431,17 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         k, y, x, send = core.config.params, core.y, core.state.x, core.send
         core.measure(core.state, tick, next(core.noise), k, y)
         stamp_ns = self.stamp_ns(tick)
-        mag, baro, gps, rotor = k.sensors.mag, k.sensors.baro, k.sensors.gps, k.sensors.rotor
+        gps = k.sensors.gps
         # Who has nothing to say says so, by NaN: in lockstep silence would be waited for.
-        if tick % mag.period == 0:
-            send[topics.MAG](y[MEAS.mag] if y[MEAS.mag_valid] else _NOTHING, stamp_ns)
-        if tick % baro.period == 0:
-            send[topics.BARO](y[[MEAS.baro]] if y[MEAS.baro_valid] else _NOTHING[:1], stamp_ns)
+        for (topic, sample, valid, nothing), period in zip(_SAMPLES, core.periods, strict=True):
+            if tick % period == 0:
+                send[topic](y[sample] if y[valid] else nothing, stamp_ns)
         if tick % gps.period == 0:
             # Stamped with its time of validity, earlier than now; without a fix STATUS_NO_FIX.
             fix_ns = self.stamp_ns(tick - gps.latency)
             fixed = y[MEAS.gps_valid]
             send[topics.GPS_FIX](y[MEAS.gps_pos] if fixed else _NOTHING, fix_ns)
             send[topics.GPS_VELOCITY](y[MEAS.gps_vel] if fixed else _NOTHING, fix_ns)
-        if tick % rotor.period == 0:
-            rotor_speed = y[[MEAS.rotor]] if y[MEAS.rotor_valid] else _NOTHING[:1]
-            send[topics.ROTOR_SPEED](rotor_speed, stamp_ns)
         if k.sensors.imu2:
             send[topics.IMU2](y[MEAS.imu2], stamp_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.

@@ -11,9 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.sensors import NORMALS, PLAIN
+
 
 class NoiseRow(NamedTuple):
-    """Standard normals of a tick (89,), source by source in the order of `_SOURCES`."""
+    """Standard normals of a tick (89,), source by source in the order of `_SOURCES`.
+
+    Behind these places stand those of `sensors.PLAIN`: white noise and faults of each.
+    """
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
     gyro: slice = slice(5, 8)  # white
@@ -45,10 +50,7 @@ class NoiseRow(NamedTuple):
     imu2_clock: int = 78
     fault_imu2: slice = slice(79, 85)  # as `fault`
     fault_imu2_lost: int = 85
-    rotor: int = 86  # of the rotor's speed: white
-    fault_rotor: int = 87  # as `fault`
-    fault_rotor_lost: int = 88
-    size: int = 89
+    size: int = NORMALS
 
 
 class Source(NamedTuple):
@@ -76,7 +78,8 @@ _SOURCES = (
     Source(4, 21, 22),  # jumps
     Source(21, 24, 25),  # faults
     Source(20, 26, 27),  # second IMU: errors, clock, faults
-    Source(3, 29, 30),  # rotor's speed: white, faults
+    # White noise and faults of each other sensor.
+    *(Source(2 * row.numbers + 1, 29 + 2 * i, 30 + 2 * i) for i, row in enumerate(PLAIN)),
 )
 _GUSTS = 12  # child of the random gusts
 _ONCE = 23  # child for what the sensors of a flight draw once

@@ -4,6 +4,7 @@
 from typing import Any
 
 from heli_core.parameters import Parameter
+from heli_core.sensors import PLAIN, SampledSensor
 from heli_core.ticks import TICK_S
 from heli_dynamics_sim.aircraft import MEANINGS, ModelOptions
 
@@ -45,6 +46,16 @@ def real(
 def _amplitude(name: str, description: str, unit: str, upper: float) -> Parameter:
     name = f"sensors.imu.vibration.{name}"
     return real(name, description, unit, 0.0, upper, (3,))
+
+
+def _plain(sensor: SampledSensor) -> tuple[Parameter, ...]:
+    """Rows of a sensor of `heli_core.sensors.PLAIN`."""
+    name, unit, most = f"sensors.{sensor.name}", sensor.unit, sensor.most_noise
+    return (
+        real(f"{name}.white_{sensor.suffix}", "White noise of a sample", unit, 0.0, most),
+        real(f"{name}.step_{sensor.suffix}", "Step of what it says; 0: none", unit, 0.0, most),
+        ticks(f"{name}.period_ticks", "Sampling period", 1, 100),
+    )
 
 
 SENSORS: tuple[Parameter, ...] = (
@@ -122,9 +133,7 @@ SENSORS: tuple[Parameter, ...] = (
         -3.0,
         3.0,
     ),
-    real("sensors.rotor_speed.white_radps", "White noise of a sample", "rad/s", 0.0, 10.0),
-    real("sensors.rotor_speed.step_radps", "Step of what it says; 0: none", "rad/s", 0.0, 10.0),
-    ticks("sensors.rotor_speed.period_ticks", "Sampling period", 1, 100),
+    *(parameter for sensor in PLAIN for parameter in _plain(sensor)),
     real("sensors.gps.white_m", "White position error, horizontal", "m", 0.0, 100.0),
     real("sensors.gps.drift_m", "Slow position drift, horizontal sigma", "m", 0.0, 100.0),
     real("sensors.gps.drift_tau_s", "Time constant of the drift", "s", 1.0, 1e6),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from heli_core.atmosphere import pressure_pa
 from heli_core.jit import by_reference, fill, njit, referred
 from heli_core.rows import AIR, IMU, MEAS, PLANT
+from heli_core.sensors import PLACES, PLAIN, ROTOR_SPEED, place_of
 from heli_dynamics_sim.airframe import (
     attitude_of,
     fuselage_force,
@@ -436,12 +437,13 @@ class GpsParams(NamedTuple):
     errors: GpsErrorParams
 
 
-class RotorSpeedParams(NamedTuple):
-    """A Hall sensor beside the mast: time between the passes of a magnet, told in steps."""
+@by_reference
+class PlainParams(NamedTuple):
+    """The sensors of `PLAIN`, each: white noise, then whole steps."""
 
-    white: float  # rad/s
-    step: float  # rad/s; 0: none
-    period: int  # ticks
+    white: np.ndarray  # (n,) in the sensor's unit
+    step: np.ndarray  # (n,) 0: none
+    period: np.ndarray  # (n,) int64, ticks
 
 
 @by_reference
@@ -452,8 +454,18 @@ class SensorParams(NamedTuple):
     mag: MagParams
     baro: BaroParams
     gps: GpsParams
-    rotor: RotorSpeedParams
+    plain: PlainParams
     imu2: bool  # whether there is a second one, of the same kind as the first
+
+
+def periods(k: SensorParams) -> tuple[int, ...]:
+    """Ticks from sample to sample of each of `heli_core.sensors.SENSORS`."""
+    return (k.mag.period, k.baro.period, *map(int, k.plain.period))
+
+
+def white_noise(k: SensorParams) -> tuple[float, ...]:
+    """White noise of each of `heli_core.sensors.SENSORS`, sigma in its unit."""
+    return (k.mag.white, k.baro.white, *map(float, k.plain.white))
 
 
 @by_reference
@@ -647,15 +659,45 @@ def read_gps(sensors, tick, x, noise, k, y):
         y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, fix[FIX.tick]
 
 
+_PLAIN_PLACES = tuple(PLACES[row.name] for row in PLAIN)
+_ROTOR_SPEED = place_of(ROTOR_SPEED.name, PLAIN)
+
+
 @njit
-def read_rotor(tick, x, noise, aircraft, k, y):
-    """Fill the rotor speed's places of the row y; zero between the periods."""
-    y[MEAS.rotor_valid] = 1.0 if tick % k.period == 0 else 0.0
-    if y[MEAS.rotor_valid] == 0.0:
-        y[MEAS.rotor] = 0.0
-        return
-    speed = rotor_speed(x, aircraft) + k.white * noise[NOISE.rotor]
-    y[MEAS.rotor] = k.step * round(speed / k.step) if k.step > 0.0 else speed
+def true_sample(which, x, air, aircraft, out):
+    """What a sensor of `PLAIN` would say without errors into its numbers; each has its lines here.
+
+    Parameters
+    ----------
+    which : int
+        Its place in `PLAIN`.
+    x : (n,) array
+        State of the aircraft, places of `rows.PLANT`.
+    air : (12,) array
+        What the air does at it, places of `rows.AIR`.
+    aircraft : HelicopterParams
+    out : (numbers,) array
+    """
+    if which == _ROTOR_SPEED:
+        # A Hall sensor beside the mast: time between the passes of a magnet.
+        out[0] = rotor_speed(x, aircraft)
+
+
+@njit
+def read_plain(tick, x, air, noise, aircraft, k, y):
+    """Fill the places of the sensors of `PLAIN` in the row y; zero between the periods."""
+    for which in range(len(_PLAIN_PLACES)):
+        at = _PLAIN_PLACES[which]
+        sample = y[at.first : at.first + at.numbers]
+        y[at.valid] = 1.0 if tick % k.period[which] == 0 else 0.0
+        if y[at.valid] == 0.0:
+            fill(sample, 0.0)
+            continue
+        true_sample(which, x, air, aircraft, sample)
+        step = k.step[which]
+        for i in range(at.numbers):
+            value = sample[i] + k.white[which] * noise[at.white + i]
+            sample[i] = step * round(value / step) if step > 0.0 else value
 
 
 @njit
@@ -665,7 +707,7 @@ def read_sensors(sensors, tick, x, air, noise, aircraft, k, y):
     read_mag(sensors, tick, x, air, noise, aircraft, k.mag, y)
     read_baro(sensors, tick, x, air, noise, aircraft, k.baro, y)
     read_gps(sensors, tick, x, noise, k.gps, y)
-    read_rotor(tick, x, noise, aircraft, k.rotor, y)
+    read_plain(tick, x, air, noise, aircraft, k.plain, y)
     read_imu2(sensors, tick, x, air, noise, aircraft, k, y)
 
 

@@ -306,7 +306,7 @@ def test_covariance_knows_of_multipath_or_not(covariance):
         "sensors.gps.covariance": covariance,
     }
     level = 0.3**2 + 1.0**2 + (5.0 if covariance == "honest" else 0.0)
-    assert message_variances(values)[3][0] == pytest.approx((level, level, 2.25 * level))
+    assert message_variances(values)["gps"][0] == pytest.approx((level, level, 2.25 * level))
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["before the pause", "in the pause"])

@@ -67,7 +67,7 @@ from heli_msgs_bridge.links import (
     pass_on,
 )
 from heli_observer import observer
-from heli_observer.layout import ObserverParams
+from heli_observer.layout import AID_PLACES, ObserverParams
 from heli_outer_pd import outer_loop
 from heli_outer_pd.failsafes import Action
 from heli_outer_pd.goto import Goto, PhaseNumbers
@@ -87,7 +87,8 @@ from heli_outer_pd.state import MACHINE, MEMORY, OuterParams
 
 _CHUNK_TICKS = 6000
 _N_HANDED = 4  # a collective, and behind it a pilot's deflections
-_IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _FLOWN = range(len(observer.INPUTS))
+_IMU, _IMU2, *_, _FIX, _VELOCITY, _FLOWN = range(len(observer.INPUTS))
+_FIRST_AID = observer.AID_INPUTS.start
 _ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = range(len(estimate.INPUTS))
 _NAVIGATION, _ROTOR_SPEED = range(len(outer_loop.INPUTS))
 _TO_OBSERVER = np.array([PLACE[topic, "observer"] for topic in observer.INPUTS])
@@ -209,9 +210,10 @@ def bring_sensors(loop, links, tick, u):
     true_at = int(y[MEAS.gps_tick]) if fix else tick
     _bring(links, box, _IMU, to[_IMU], tick, tick, direct_way or all_finite(imu), imu)
     _bring(links, box, _IMU2, to[_IMU2], tick, tick, direct_way or all_finite(imu2), imu2)
-    _bring(links, box, _MAG, to[_MAG], tick, tick, y[MEAS.mag_valid] > 0.5, y[MEAS.mag])
-    baro = y[MEAS.baro : MEAS.baro + 1]
-    _bring(links, box, _BARO, to[_BARO], tick, tick, y[MEAS.baro_valid] > 0.5, baro)
+    for which in range(len(AID_PLACES)):
+        at, place = AID_PLACES[which], _FIRST_AID + which
+        sample = y[at.first : at.first + at.numbers]
+        _bring(links, box, place, to[place], tick, tick, y[at.arrived] > 0.5, sample)
     has_vel = fix and (direct_way or all_finite(vel))
     _bring(links, box, _VELOCITY, to[_VELOCITY], tick, true_at, has_vel, vel)
     _bring(links, box, _FIX, to[_FIX], tick, true_at, fix, y[MEAS.gps_pos])

@@ -50,6 +50,7 @@ from heli_core.rcl_yaml import (
     opened,
 )
 from heli_core.rows import ACTUATOR, SETPOINT
+from heli_core.sensors import AIDS
 from heli_core.signals import NOTHING
 from heli_core.ticks import TICKS_PER_S, Rate
 from heli_dynamics_sim.config import PlantConfig
@@ -646,8 +647,10 @@ _AGREEMENTS = (
     ("plant", "start.on_ground", "outer_loop", "start.on_ground"),
     ("plant", "ground.idle_collective", "outer_loop", "takeoff.idle_collective"),
     ("plant", "sensors.imu2.enabled", "observer", "imu2.enabled"),
-    ("plant", "sensors.mag.period_ticks", "observer", "schedule.mag_period_ticks"),
-    ("plant", "sensors.baro.period_ticks", "observer", "schedule.baro_period_ticks"),
+    *(
+        ("plant", f"sensors.{name}.period_ticks", "observer", f"schedule.{name}_period_ticks")
+        for name in (row.name for row in AIDS)
+    ),
     ("plant", "sensors.gps.period_ticks", "observer", "schedule.gps_period_ticks"),
     ("plant", "sensors.gps.latency_ticks", "observer", "schedule.gps_latency_ticks"),
     ("plant", "sensors.rotor_speed.period_ticks", "outer_loop", "rotor_speed_period_ticks"),

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from heli_core import rows
+from heli_core import rows, sensors
 from heli_core.jit import fill, njit, scratch, scratch_matrix
 from heli_core.rcl_yaml import printable
 from heli_core.rotations import euler_from_quat, fill_from_euler, fill_R_nb
@@ -695,23 +695,37 @@ _BY_HAND = Channel(
     len(_HANDED), _BODY, _joints(_HANDED), pack_values, unpack_normalised,
     _joint_block(_HANDED), joints=_HANDED,
 )  # fmt: skip
+_SAMPLE_LAYOUTS: dict[str, tuple[int, Callable[..., None], tuple[tuple[int, int], ...]]] = {
+    "sensor_msgs/msg/MagneticField": (FIELD.size, _mag_block, ((FIELD.cov.start, 3),)),
+    "sensor_msgs/msg/FluidPressure": (PRESSURE.size, _pressure_block, ((PRESSURE.variance, 1),)),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": (TWIST.size, _twist_block, _TWIST_AT),
+    "geometry_msgs/msg/Vector3Stamped": (VECTOR.size, _vector_block, ()),
+}
+"""By the message of a sensor's samples: doubles, how they are read, where variances stand."""
+_OF_AXES = {
+    "body": (pack_body_vector, unpack_body_vector),
+    "ned": (pack_world_vector, unpack_world_vector),
+    "each": (pack_values, unpack_values),
+}
+
+
+def _samples(row: sensors.SampledSensor) -> Channel:
+    size, read, variance_at = _SAMPLE_LAYOUTS[row.message]
+    return Channel(
+        row.numbers, (row.frame,), _doubles(size), *_OF_AXES[row.axes], read, variance_at
+    )
+
+
 CHANNELS: dict[str, Channel] = {
     topics.IMU: _imu(IMU_LINK),
     topics.IMU2: _imu(IMU2_LINK),
-    topics.MAG: Channel(
-        3, (IMU_LINK,), _doubles(FIELD.size), pack_body_vector, unpack_body_vector,
-        _mag_block, ((FIELD.cov.start, 3),),
-    ),
+    **{row.topic: _samples(row) for row in sensors.SENSORS if row.message in _SAMPLE_LAYOUTS},
     topics.GPS_FIX: Channel(
         3, (GPS_LINK,), _fix, pack_fix, unpack_fix, _fix_block, ((FIX.cov.start, 3),)
     ),
     topics.GPS_VELOCITY: Channel(
         3, _WORLD, _doubles(TWIST.size), pack_world_vector, unpack_world_vector,
         _twist_block, _TWIST_AT,
-    ),
-    topics.BARO: Channel(
-        1, _BODY, _doubles(PRESSURE.size), pack_values, unpack_values, _pressure_block,
-        ((PRESSURE.variance, 1),),
     ),
     topics.ROTOR_SPEED: Channel(
         1, _BODY, _velocities(topics.ROTOR_SPEED_NAMES), pack_rotor_speed,

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from heli_core import sensors
 from heli_core.errors import ParameterCause, ParameterError
 from heli_core.faults import LONGEST_S, PAST_S, Fault, FaultEntry, Kind, entries
 from heli_core.inbox import NOTHING, WIDTH
@@ -35,9 +36,10 @@ NUMBERS = {"loss": _SHARE, "delay": Kind(0.0, PAST_S, "s"), "reorder": _SHARE, "
 KINDS = tuple(NUMBERS)
 """What a link does; a kernel takes the place of its name."""
 _LOSS, _DELAY, _REORDER, _DUPLICATE = range(len(KINDS))
+_PLAIN = [row.topic for row in sensors.PLAIN]
 LINKS = tuple(
     (row.name, sink)
-    for row in sorted(topics.TABLE, key=lambda row: (row.name == topics.ROTOR_SPEED, row.optional))
+    for row in sorted(topics.TABLE, key=lambda row: (row.name in _PLAIN, row.optional))
     if row.every_ticks
     for sink in row.sinks
 )

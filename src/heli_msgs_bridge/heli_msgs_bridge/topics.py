@@ -8,6 +8,7 @@ Names are relative, so that a namespace or a remap moves the whole graph; `/cloc
 from dataclasses import dataclass
 from typing import Any
 
+from heli_core import sensors
 from heli_core.ticks import TICKS_PER_S, Rate
 
 # -------------------------------------------------------------------------------------------------
@@ -23,11 +24,11 @@ memory. Nobody waits for the recorder: in lockstep these are nine seconds in whi
 
 CLOCK = "/clock"
 IMU, IMU2 = "imu/data_raw", "imu2/data_raw"
-MAG = "imu/mag"
+MAG = sensors.MAG.topic
 GPS_FIX = "gps/fix"
 GPS_VELOCITY = "gps/fix_velocity"
-BARO = "baro"
-ROTOR_SPEED = "rotor_speed"
+BARO = sensors.BARO.topic
+ROTOR_SPEED = sensors.ROTOR_SPEED.topic
 ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 REFERENCE = "reference"
@@ -122,15 +123,21 @@ _JOINTS = "sensor_msgs/msg/JointState"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 _POSE = "geometry_msgs/msg/PoseStamped"
 
+
+def _samples(sensor: sensors.SampledSensor) -> Topic:
+    """Row of what a sensor says."""
+    return Topic(sensor.topic, sensor.message, _PLANT, (sensor.heard_by,), sensor.period_ticks)
+
+
 TABLE: tuple[Topic, ...] = (
     Topic(CLOCK, "rosgraph_msgs/msg/Clock", _PLANT, (), 1),
     Topic(IMU, "sensor_msgs/msg/Imu", _PLANT, _OBSERVER, 1),
     Topic(IMU2, "sensor_msgs/msg/Imu", _PLANT, _OBSERVER, 1, optional=True),
-    Topic(MAG, "sensor_msgs/msg/MagneticField", _PLANT, _OBSERVER, 2),
+    _samples(sensors.MAG),
     Topic(GPS_FIX, "sensor_msgs/msg/NavSatFix", _PLANT, _OBSERVER, 20),
     Topic(GPS_VELOCITY, "geometry_msgs/msg/TwistWithCovarianceStamped", _PLANT, _OBSERVER, 20),
-    Topic(BARO, "sensor_msgs/msg/FluidPressure", _PLANT, _OBSERVER, 5),
-    Topic(ROTOR_SPEED, _JOINTS, _PLANT, _OUTER, 2),
+    _samples(sensors.BARO),
+    *map(_samples, sensors.PLAIN),
     Topic(ODOM, _ODOMETRY, _OBSERVER, _INNER + _OUTER, 1),
     Topic(ROTOR_STATE, _JOINTS, _OBSERVER, _INNER, 1),
     Topic(

@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import FluidPressure, Imu, JointState, MagneticField, NavSatFix
 from std_msgs.msg import Header
 
+from heli_core import sensors
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import FixedMessage, Layout, stamp_of
 from heli_msgs_bridge.frames import datum
@@ -111,8 +112,8 @@ def imu(b, stamp_ns, frame="imu_link"):
     return message
 
 
-def mag(b, stamp_ns):
-    message = MagneticField(header=header(stamp_ns, "imu_link"), magnetic_field=xyz(b[0:3]))
+def mag(b, stamp_ns, frame="imu_link"):
+    message = MagneticField(header=header(stamp_ns, frame), magnetic_field=xyz(b[0:3]))
     message.magnetic_field_covariance = b[3:12]
     return message
 
@@ -125,15 +126,15 @@ def fix(b, stamp_ns):
     return message
 
 
-def twist(b, stamp_ns):
-    message = TwistWithCovarianceStamped(header=header(stamp_ns, "map"))
+def twist(b, stamp_ns, frame="map"):
+    message = TwistWithCovarianceStamped(header=header(stamp_ns, frame))
     message.twist.twist.linear, message.twist.twist.angular = xyz(b[0:3]), xyz(b[3:6])
     message.twist.covariance = b[6:42]
     return message
 
 
-def pressure(b, stamp_ns):
-    return FluidPressure(header=header(stamp_ns, "base_link"), fluid_pressure=b[0], variance=b[1])
+def pressure(b, stamp_ns, frame="base_link"):
+    return FluidPressure(header=header(stamp_ns, frame), fluid_pressure=b[0], variance=b[1])
 
 
 def joints(*names):
@@ -147,8 +148,8 @@ def quaternion(b, stamp_ns):
     return QuaternionStamped(header=header(stamp_ns, "map"), quaternion=xyzw(b))
 
 
-def vector(b, stamp_ns):
-    return Vector3Stamped(header=header(stamp_ns, "map"), vector=xyz(b))
+def vector(b, stamp_ns, frame="map"):
+    return Vector3Stamped(header=header(stamp_ns, frame), vector=xyz(b))
 
 
 ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
@@ -176,6 +177,16 @@ MESSAGES = {
     "excitation/actuators": joints(*ACTUATORS),
     "excitation/attitude": quaternion,
     "excitation/wind": vector,
+}
+# A sensor that has come to the table of sensors since.
+OF_SAMPLES = {
+    topics.BY_NAME[name].type: MESSAGES[name]
+    for name in ("imu/mag", "baro", "gps/fix_velocity", "ground_truth/wind")
+}
+MESSAGES |= {
+    row.topic: functools.partial(OF_SAMPLES[row.message], frame=row.frame)
+    for row in sensors.SENSORS
+    if row.topic not in MESSAGES
 }
 # One topic of each message class: the longest joint row stands for the shorter ones.
 OF_EACH_LAYOUT = {
@@ -296,6 +307,9 @@ def expected_odometry(frame, pos_ned, q_nb, linear_flu, rate_frd):
     return odometry(frame)(block.tolist(), 0)
 
 
+SAMPLED = {row.topic: row for row in sensors.SENSORS}
+
+
 def simple_block(topic, row):
     """The doubles of a row that only swaps axes and signs; variances as Encoder gets them."""
     if topic in (topics.IMU, topics.IMU2):
@@ -303,16 +317,25 @@ def simple_block(topic, row):
         block[4] = -1.0
         block[13:16], block[25:28] = flu(row[3:6]), flu(row[0:3])
         block[[16, 20, 24]], block[[28, 32, 36]] = 0.25, 4.0
-    elif topic == topics.MAG:
-        block = np.zeros(12)
-        block[0:3], block[[3, 7, 11]] = flu(row), 0.25
     elif topic == topics.GPS_VELOCITY:
         block = np.zeros(42)
         block[0:3], block[[6, 13, 20]], block[[27, 34, 41]] = enu(row), 0.25, 4.0
-    elif topic == topics.BARO:
-        block = np.array([row[0], 0.25])
     elif topic == topics.ROTOR_SPEED:
         block = -row
+    elif topic in SAMPLED:
+        sensor = SAMPLED[topic]
+        kind = sensor.message.rsplit("/", 1)[1]
+        size, variances = {
+            "MagneticField": (12, [3, 7, 11]),
+            "FluidPressure": (2, [1]),
+            "TwistWithCovarianceStamped": (42, [6, 13, 20]),
+            "Vector3Stamped": (3, []),
+        }[kind]
+        block = np.zeros(size)
+        block[: sensor.numbers] = {"body": flu, "ned": enu, "each": list}[sensor.axes](row)
+        block[variances] = 0.25
+        if kind == "TwistWithCovarianceStamped":
+            block[[27, 34, 41]] = 4.0
     elif topic in (topics.TRUTH_WIND, topics.EXCITATION_WIND):
         block = np.array(enu(row))
     else:

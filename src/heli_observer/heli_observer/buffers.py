@@ -129,26 +129,23 @@ def _store_imu(state, tick, last, sample, k):
 
 
 @njit
-def store_mag_baro(state, tick, y):
-    """Put magnetometer and barometer of this tick into their slot, if finite."""
+def store_aids(state, tick, y):
+    """Put the samples of this tick's aids into their slot, if they are numbers to believe."""
     aid, count = state.aid, state.count
     row = aid[tick % aid.shape[0]]
     fill(row, 0.0)
-    if y[MEAS.mag_valid] > 0.5:
-        mag, bad = y[MEAS.mag], 0
-        for i in range(3):
-            if not math.isfinite(mag[i]):
+    for which in range(len(L.AID_PLACES)):
+        at = L.AID_PLACES[which]
+        if not y[at.arrived] > 0.5:
+            continue
+        bad = 0
+        for i in range(at.first, at.first + at.numbers):
+            if not (math.isfinite(y[i]) and y[i] > at.above):
                 bad += 1
-        count[L.COUNT.mag_dropped] += bad
+        count[at.dropped] += bad
         if bad == 0:
-            row[L.AID.mag_valid] = 1.0
-            copy_part(row, L.AID.mag, mag, 0, 3)
-    if y[MEAS.baro_valid] > 0.5:
-        if math.isfinite(y[MEAS.baro]) and y[MEAS.baro] > 0.0:
-            row[L.AID.baro_valid] = 1.0
-            row[L.AID.baro] = y[MEAS.baro]
-        else:
-            count[L.COUNT.baro_dropped] += 1
+            row[at.valid] = 1.0
+            copy_part(row, at.slot, y, at.first, at.numbers)
 
 
 @njit

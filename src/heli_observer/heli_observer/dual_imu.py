@@ -21,8 +21,8 @@ from heli_core.jit import copy_matrix, copy_part, fill, njit
 from heli_core.rows import IMU, MEAS
 from heli_observer import layout as L
 from heli_observer.buffers import SAME, usable_imu
-from heli_observer.ekf import fuse_baro, fuse_gps, fuse_mag, predict
-from heli_observer.fault_detection import MOST, TICKS, accept_velocity, forget, from_where
+from heli_observer.ekf import predict
+from heli_observer.fault_detection import TICKS, accept_velocity, forget, from_where, take_row
 from heli_observer.layout import PAIR
 
 FAST_S, OFFSET_S = 0.1, 20.0
@@ -99,18 +99,10 @@ def _leave(pair, which, why):
 def _judge(state, which, row, k):
     """Let one of the two filters fuse what a tick measured (aid row), and add to its sums."""
     pair = state.pair
-    x, P, score = pair.nominal[which], pair.P[which], pair.score[which]
-    trial, dx, diag = state.trial, state.dx, state.diag
-    if row[L.AID.gps_valid] > 0.0:
-        _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
-        if velocity >= 0:
-            score[0] += min(diag[L.DIAG.nis_vel], MOST)
-    if row[L.AID.baro_valid] > 0.0:
-        fuse_baro(x, P, trial, dx, diag, row, k)
-    if row[L.AID.mag_valid] > 0.0:
-        diag[L.DIAG.nis_mag] = 0.0  # stays so where the field is none
-        fuse_mag(x, P, trial, dx, diag, row, k)
-        score[1] += min(diag[L.DIAG.nis_mag], MOST)
+    score = pair.score[which]
+    by_fix, by_heading = take_row(state, pair.nominal[which], pair.P[which], row, k)
+    score[0] += by_fix
+    score[1] += by_heading
 
 
 @njit

@@ -26,7 +26,17 @@ from heli_core.rotations import (
     wrap_pi,
 )
 from heli_core.rows import IMU
-from heli_observer.layout import AID, COUNT, DIAG, ERROR, NO_TICK, NOMINAL
+from heli_observer.layout import (
+    AID,
+    AID_PLACES,
+    BARO_AID,
+    COUNT,
+    DIAG,
+    ERROR,
+    MAG_AID,
+    NO_TICK,
+    NOMINAL,
+)
 
 # -------------------------------------------------------------------------------------------------
 # Strapdown navigation: specific force and rate of one tick into position, velocity, attitude.
@@ -340,17 +350,17 @@ def start_baro(x, P, aid, k):
     """Start the barometer's bias from its first sample, so that it agrees with the position."""
     predicted, slope = predicted_pressure(x, k)
     x[NOMINAL.baro_bias] += aid[AID.baro] - predicted
-    start_scalar(P, ERROR.baro_bias, ERROR.pos + 2, slope, 0, 0.0, 0, 0.0, k.var_baro)
+    start_scalar(P, ERROR.baro_bias, ERROR.pos + 2, slope, 0, 0.0, 0, 0.0, k.var_aid[BARO_AID])
 
 
 @njit
 def fuse_baro(x, P, trial, dx, diag, aid, k):
     """Fuse the barometer sample of an aid row; True if it passed its gate."""
     predicted, slope = predicted_pressure(x, k)
-    residual = aid[AID.baro] - predicted
+    residual, var = aid[AID.baro] - predicted, k.var_aid[BARO_AID]
     copy_matrix(trial, P)
     nis = scalar_update(
-        trial, dx, ERROR.pos + 2, slope, ERROR.baro_bias, 1.0, 0, 0.0, 0, 0.0, residual, k.var_baro
+        trial, dx, ERROR.pos + 2, slope, ERROR.baro_bias, 1.0, 0, 0.0, 0, 0.0, residual, var
     )
     diag[DIAG.nis_baro] = nis
     passed = nis <= k.gates[1]
@@ -424,7 +434,7 @@ def fuse_mag(x, P, trial, dx, diag, aid, k):
         return False
     if not horizontal >= 0.2 * local:
         return False
-    variance = k.var_mag / (local * local)
+    variance = k.var_aid[MAG_AID] / (local * local)
     copy_matrix(trial, P)
     north, east, yaw = ERROR.att, ERROR.att + 1, ERROR.att + 2
     nis = scalar_update(
@@ -434,6 +444,34 @@ def fuse_mag(x, P, trial, dx, diag, aid, k):
     passed = nis <= k.gates[1] and abs(residual) <= k.max_heading_innovation_rad
     conclude(x, P, trial, dx, passed)
     return passed
+
+
+FUSED_IN_ORDER = tuple(reversed(range(len(AID_PLACES))))
+"""Of the samples of a tick: the newest kind of sensor first, the heading last."""
+
+
+@njit
+def fuse_aid(which, x, P, trial, dx, diag, aid, k):
+    """Fuse the sample of a sensor of `AIDS` of an aid row; each has its line here.
+
+    Parameters
+    ----------
+    which : int
+        Its place in `heli_core.sensors.AIDS`.
+    x, P, trial, dx, diag : arrays
+        As of `ObserverState`, changed in place; its innovation squared goes into `diag`.
+    aid : ndarray
+        Slot of the ring, places of `AID_PLACES[which]`.
+    k : EkfParams
+
+    Returns
+    -------
+    bool
+        Whether it passed its gate.
+    """
+    if which == BARO_AID:
+        return fuse_baro(x, P, trial, dx, diag, aid, k)
+    return fuse_mag(x, P, trial, dx, diag, aid, k)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -512,7 +550,7 @@ def _start_covariance(P, q, age_s, k):
     P[ERROR.att, ERROR.att] += k.var0[ERROR.att]
     P[ERROR.att + 1, ERROR.att + 1] += k.var0[ERROR.att + 1]
     h_north, h_east, horizontal = heading_derivatives(k.field_ned_t)
-    variance = k.var_mag / (horizontal * horizontal) + k.var0[ERROR.att + 2]
+    variance = k.var_aid[MAG_AID] / (horizontal * horizontal) + k.var0[ERROR.att + 2]
     P[ERROR.mag_error, ERROR.mag_error] = k.var0[ERROR.mag_error]
     start_scalar(
         P, ERROR.att + 2, ERROR.att, h_north, ERROR.att + 1, h_east, ERROR.mag_error, 1.0, variance
@@ -577,13 +615,8 @@ def align(state, tick, horizon_ticks, k):
     count[COUNT.aligned] = 1
     count[COUNT.baro_ready] = 0
     count[COUNT.gps_fused] += 1
-    for entry in (
-        COUNT.mag_ok,
-        COUNT.baro_ok,
-        COUNT.gps_ok,
-        COUNT.mag_seen,
-        COUNT.baro_seen,
-        COUNT.gps_seen,
-    ):
-        count[entry] = tick
+    count[COUNT.gps_ok] = count[COUNT.gps_seen] = tick
+    for which in range(len(AID_PLACES)):
+        at = AID_PLACES[which]
+        count[at.ok] = count[at.seen] = tick
     return True

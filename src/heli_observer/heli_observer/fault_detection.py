@@ -17,7 +17,7 @@ import numpy as np
 from heli_core.jit import copy_matrix, copy_part, fill, njit
 from heli_observer import layout as L
 from heli_observer.buffers import replaced_for_long
-from heli_observer.ekf import fuse_baro, fuse_gps, fuse_mag, predict
+from heli_observer.ekf import FUSED_IN_ORDER, fuse_aid, fuse_gps, predict
 
 # -------------------------------------------------------------------------------------------------
 # Whom to believe where fixes and inertial sensors contradict each other, and samples that nobody
@@ -225,20 +225,27 @@ def from_where(window, horizon, wanted):
 
 
 @njit
-def _take_again(state, row, k):
-    """Fuse what the filter took at a tick (aid row), each by its gate; innovations squared."""
-    x, P, trial, dx, diag = state.nominal, state.P, state.trial, state.dx, state.diag
-    surprise = 0.0
+def take_row(state, x, P, row, k):
+    """Fuse what was measured at a tick (aid row) into x (21,) and P (20, 20), each by its gate.
+
+    Returns
+    -------
+    (float, float)
+        Innovations squared that tell of the inertial sensors: of a fix's velocity, of the heading.
+    """
+    trial, dx, diag = state.trial, state.dx, state.diag
+    by_fix, by_heading = 0.0, 0.0
     if row[L.AID.gps_valid] > 0.0:
         _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
-        surprise += min(diag[L.DIAG.nis_vel], MOST) if velocity >= 0 else 0.0
-    if row[L.AID.baro_valid] > 0.0:
-        fuse_baro(x, P, trial, dx, diag, row, k)
+        by_fix = min(diag[L.DIAG.nis_vel], MOST) if velocity >= 0 else 0.0
     if row[L.AID.mag_valid] > 0.0:
         diag[L.DIAG.nis_mag] = 0.0  # stays so where the field is none
-        fuse_mag(x, P, trial, dx, diag, row, k)
-        surprise += min(diag[L.DIAG.nis_mag], MOST)
-    return surprise
+    for which in FUSED_IN_ORDER:
+        if row[L.AID_PLACES[which].valid] > 0.0:
+            fuse_aid(which, x, P, trial, dx, diag, row, k)
+    if row[L.AID.mag_valid] > 0.0:
+        by_heading = min(diag[L.DIAG.nis_mag], MOST)
+    return by_fix, by_heading
 
 
 @njit
@@ -261,7 +268,8 @@ def _from_there(state, slot, refused, horizon, at, sigma, k):
         if tick < first + steps:
             for i in range(at, at + 3):
                 P[i, i] += sigma * sigma / steps
-        surprise += _take_again(state, window.aid[tick % TICKS], k)
+        by_fix, by_heading = take_row(state, x, P, window.aid[tick % TICKS], k)
+        surprise += by_fix + by_heading
     return surprise
 
 

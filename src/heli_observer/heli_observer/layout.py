@@ -5,6 +5,7 @@ What it takes and gives (measurement and navigation row) is laid out in `heli_co
 place is where a part begins, as the filter's loops count through vectors and matrices from there.
 """
 
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -13,6 +14,11 @@ from numpy.typing import NDArray
 
 from heli_core.jit import by_reference
 from heli_core.rows import INPUT_NAMES, MEASURED, UNMEASURED
+from heli_core.sensors import AIDS, BARO, MAG, PLACES, SampledSensor, place_of
+
+_MORE = tuple(row for row in AIDS if row not in (MAG, BARO))
+"""Aids beside those that have their lines below; each row of numbers has places for them behind."""
+_MORE_SLOTS = sum(1 + row.numbers for row in _MORE)
 
 
 class NominalRow(NamedTuple):
@@ -44,7 +50,7 @@ class ErrorRow(NamedTuple):
 
 
 class AidRow(NamedTuple):
-    """A slot (13,) of the ring of magnetometer, barometer and fixes."""
+    """A slot (13,) of the ring of aids and fixes."""
 
     mag_valid: int = 0
     mag: int = 1
@@ -53,7 +59,8 @@ class AidRow(NamedTuple):
     gps_valid: int = 6
     gps_pos: int = 7
     gps_vel: int = 10
-    size: int = 13
+    more: int = 13
+    size: int = 13 + _MORE_SLOTS
 
 
 class RingRow(NamedTuple):
@@ -131,7 +138,8 @@ class CountRow(NamedTuple):
     imu_late: int = 40  # tick at which a sample of an earlier tick came last
     imu_mended: int = 41  # samples that came late, and in time for the filter
     recovered: int = 42  # how often the filter went back to what it knew, as its state was none
-    size: int = 43
+    more: int = 43
+    size: int = 43 + 5 * len(_MORE)
 
 
 class DiagRow(NamedTuple):
@@ -144,7 +152,8 @@ class DiagRow(NamedTuple):
     dof_pos: int = 4
     dof_vel: int = 5
     heading_innovation: int = 6  # rad
-    size: int = 7
+    more: int = 7
+    size: int = 7 + len(_MORE)
 
 
 # Of the reduced-order observer: outputs y, and w = [z, servo positions, servo rates].
@@ -189,19 +198,53 @@ COUNT, DIAG, PAIR = CountRow(), DiagRow(), PairRow()
 OUTPUT, ROTOR_W = OutputRow(), RotorStateRow()
 NO_TICK = -(2**40)
 
+
+class Aid(NamedTuple):
+    """Places of a sensor of `heli_core.sensors.AIDS` in the observer's rows."""
+
+    first: int  # of its numbers in the measurement row
+    numbers: int
+    arrived: int  # its flag there
+    above: float  # what is not above it is not believed
+    slot: int  # of its numbers in a slot of the ring
+    valid: int  # its flag there
+    ok: int  # counters, as those of `CountRow`
+    seen: int
+    dropped: int
+    rejected: int
+    fused: int
+    nis: int  # in `DIAG`
+    timeout: int  # an ObserverStatus; the next one says that it is rejected
+
+
+def _aid(row: SampledSensor, valid: int, counters: Iterable[int], nis: int, timeout: int) -> Aid:
+    at, (ok, seen, dropped, rejected, fused) = PLACES[row.name], counters
+    return Aid(
+        at.first, at.numbers, at.valid, row.above, valid + 1, valid,
+        ok, seen, dropped, rejected, fused, nis, timeout,
+    )  # fmt: skip
+
+
+def _aids() -> Iterator[Aid]:
+    c = COUNT
+    of_mag = (c.mag_ok, c.mag_seen, c.mag_dropped, c.mag_rejected, c.mag_fused)
+    of_baro = (c.baro_ok, c.baro_seen, c.baro_dropped, c.baro_rejected, c.baro_fused)
+    yield _aid(MAG, AID.mag_valid, of_mag, DIAG.nis_mag, ObserverStatus.MAG_TIMEOUT)
+    yield _aid(BARO, AID.baro_valid, of_baro, DIAG.nis_baro, ObserverStatus.BARO_TIMEOUT)
+    valid, counters = AID.more, COUNT.more
+    for i, row in enumerate(_MORE):
+        timeout = ObserverStatus[f"{row.name.upper()}_TIMEOUT"]
+        yield _aid(row, valid, range(counters, counters + 5), DIAG.more + i, timeout)
+        valid, counters = valid + 1 + row.numbers, counters + 5
+
+
 COUNTER_NAMES = {
     "imu_components_not_finite": COUNT.imu_dropped,
-    "mag_components_not_finite": COUNT.mag_dropped,
-    "baro_samples_not_finite": COUNT.baro_dropped,
     "gps_components_not_finite": COUNT.gps_dropped,
     "gps_fixes_older_than_horizon": COUNT.gps_late,
     "gps_fixes_stamped_in_future": COUNT.gps_future,
-    "mag_rejected": COUNT.mag_rejected,
-    "baro_rejected": COUNT.baro_rejected,
     "gps_position_rejected": COUNT.gps_pos_rejected,
     "gps_velocity_rejected": COUNT.gps_vel_rejected,
-    "mag_fused": COUNT.mag_fused,
-    "baro_fused": COUNT.baro_fused,
     "gps_fused": COUNT.gps_fused,
     "tick_gaps": COUNT.tick_gaps,
     "ticks_repeated": COUNT.tick_repeated,
@@ -234,6 +277,11 @@ class ObserverStatus(IntEnum):
     IMU_FROZEN = 11
     IMU_LEFT = 12
     IMUS_DISAGREE = 13
+    _ignore_ = ["members", "row"]
+    members = vars()
+    for row in _MORE:
+        members[f"{row.name.upper()}_TIMEOUT"] = 14 + 2 * _MORE.index(row)
+        members[f"{row.name.upper()}_REJECTED"] = 15 + 2 * _MORE.index(row)
 
     @property
     def sentence(self) -> str:
@@ -261,6 +309,23 @@ _SENTENCES = {
     ObserverStatus.IMUS_DISAGREE: "two IMUs disagree; their mean is flown until the fixes or the "
     "compass tell which one is wrong",
 }
+for _row in _MORE:
+    _name = _row.name.upper()
+    _SENTENCES[ObserverStatus[f"{_name}_TIMEOUT"]] = f"no {_row.words} sample within its time-out"
+    _SENTENCES[ObserverStatus[f"{_name}_REJECTED"]] = (
+        f"{_row.words} persistently contradicts the filter, not followed"
+    )
+
+AID_PLACES: tuple[Aid, ...] = tuple(_aids())
+"""Places of each sensor of `AIDS`, in its order."""
+MAG_AID, BARO_AID = place_of(MAG.name, AIDS), place_of(BARO.name, AIDS)
+for _row, _at in zip(AIDS, AID_PLACES, strict=True):
+    _dropped = "components" if _row.numbers > 1 else "samples"
+    COUNTER_NAMES |= {
+        f"{_row.name}_{_dropped}_not_finite": _at.dropped,
+        f"{_row.name}_rejected": _at.rejected,
+        f"{_row.name}_fused": _at.fused,
+    }
 
 
 @by_reference
@@ -314,7 +379,7 @@ class ObserverState(NamedTuple):
     imu : ndarray (N, 7)
         Ring of IMU samples, slot = tick mod N: specific force, rate, 1.0 if no sensor said so.
     aid : ndarray (N, 13)
-        Ring of magnetometer, barometer and GPS samples by their time of validity, indices AID.
+        Ring of samples of the aids and of fixes by their time of validity, indices AID.
     now : ndarray (21,)
         Nominal state propagated to the newest tick.
     rotor : ndarray (9,)
@@ -373,8 +438,7 @@ class EkfParams(NamedTuple):
     var_gps_pos_vertical: float
     var_gps_vel_horizontal: float
     var_gps_vel_vertical: float
-    var_baro: float
-    var_mag: float
+    var_aid: NDArray[np.float64]  # (aids,) of each number of a sample, in the order of `AIDS`
     field_ned_t: NDArray[np.float64]
     field_tolerance: float
     max_heading_innovation_rad: float
@@ -414,5 +478,4 @@ class ObserverParams(NamedTuple):
     imu_timeout_ticks: int
     gps_timeout_ticks: int
     gps_recovery_ticks: int
-    mag_timeout_ticks: int
-    baro_timeout_ticks: int
+    aid_timeout_ticks: NDArray[np.int64]  # (aids,) in the order of `AIDS`

@@ -11,6 +11,7 @@ import numpy as np
 from heli_core.inbox import Inbox, deliver, empty_inbox
 from heli_core.jit import direct
 from heli_core.rows import NAV
+from heli_core.sensors import AIDS
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level, NodeState
@@ -77,8 +78,7 @@ class ObserverNode(TickNode[Navigation, None]):
         inputs = (
             Input(topics.IMU, imu),
             *([Input(topics.IMU2, imu)] if v["imu2.enabled"] else []),
-            Input(topics.MAG, Demand(of(v["schedule.mag_period_ticks"]))),
-            Input(topics.BARO, Demand(of(v["schedule.baro_period_ticks"]))),
+            *(Input(a.topic, Demand(of(v[f"schedule.{a.name}_period_ticks"]))) for a in AIDS),
             Input(topics.GPS_FIX, gps),
             Input(topics.GPS_VELOCITY, gps),
             Input(topics.ACTUATORS, Demand(lag_ticks=1, first_tick=1)),

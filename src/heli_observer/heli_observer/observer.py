@@ -20,6 +20,7 @@ from heli_core.inbox import has_come
 from heli_core.jit import copy_part, fill, fill_matrix, njit, scratch, scratch_matrix
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import ACTUATOR, IMU, MEAS, NAV
+from heli_core.sensors import AIDS
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_observer import layout as L
@@ -29,17 +30,17 @@ from heli_observer.buffers import (
     hear_imu,
     interpolate_gap,
     replaced_for_long,
+    store_aids,
     store_gps,
-    store_mag_baro,
     take_tick,
 )
 from heli_observer.dual_imu import PAIR, begin_pair, combine, follow_trial, new_pair
 from heli_observer.ekf import (
+    FUSED_IN_ORDER,
     align,
     conclude,
-    fuse_baro,
+    fuse_aid,
     fuse_gps,
-    fuse_mag,
     predict,
     predict_without_imu,
     scalar_update,
@@ -125,8 +126,7 @@ def _ekf_params(v: Mapping[str, Any], tick_s: float) -> EkfParams:
         var_gps_pos_vertical=v["ekf.gps.position_vertical_m"] ** 2,
         var_gps_vel_horizontal=v["ekf.gps.velocity_horizontal_mps"] ** 2,
         var_gps_vel_vertical=v["ekf.gps.velocity_vertical_mps"] ** 2,
-        var_baro=v["ekf.baro.noise_pa"] ** 2,
-        var_mag=v["ekf.mag.noise_t"] ** 2,
+        var_aid=np.array([v[f"ekf.{row.name}.noise_{row.suffix}"] ** 2 for row in AIDS]),
         field_ned_t=np.array(v["ekf.mag.field_ned_t"], dtype=np.float64),
         field_tolerance=v["ekf.mag.field_tolerance"],
         max_heading_innovation_rad=v["ekf.mag.max_innovation_rad"],
@@ -228,8 +228,7 @@ class ObserverConfig:
             imu_timeout_ticks=ticks(v["ekf.timeout.imu_s"]),
             gps_timeout_ticks=ticks(v["ekf.timeout.gps_s"]),
             gps_recovery_ticks=ticks(v["ekf.timeout.gps_recovery_s"]),
-            mag_timeout_ticks=ticks(v["ekf.timeout.mag_s"]),
-            baro_timeout_ticks=ticks(v["ekf.timeout.baro_s"]),
+            aid_timeout_ticks=np.array([ticks(v[f"ekf.timeout.{row.name}_s"]) for row in AIDS]),
         )
 
 
@@ -249,10 +248,6 @@ _NOT_FINITE = int(ObserverStatus.NOT_FINITE)
 _IMU_TIMEOUT = int(ObserverStatus.IMU_TIMEOUT)
 _GPS_TIMEOUT = int(ObserverStatus.GPS_TIMEOUT)
 _GPS_REJECTED = int(ObserverStatus.GPS_REJECTED)
-_MAG_TIMEOUT = int(ObserverStatus.MAG_TIMEOUT)
-_MAG_REJECTED = int(ObserverStatus.MAG_REJECTED)
-_BARO_TIMEOUT = int(ObserverStatus.BARO_TIMEOUT)
-_BARO_REJECTED = int(ObserverStatus.BARO_REJECTED)
 _GPS_STUCK = int(ObserverStatus.GPS_STUCK)
 _IMU_FROZEN = int(ObserverStatus.IMU_FROZEN)
 _IMU_LEFT = int(ObserverStatus.IMU_LEFT)
@@ -266,6 +261,8 @@ def initial_state(config: ObserverConfig) -> ObserverState:
     count[L.COUNT.tick] = L.NO_TICK
     count[L.COUNT.imu_ok : L.COUNT.gps_seen + 1] = L.NO_TICK
     count[L.COUNT.gps_kept] = count[L.COUNT.imu_late] = L.NO_TICK
+    for at in L.AID_PLACES:
+        count[at.ok] = count[at.seen] = L.NO_TICK
     return ObserverState(
         nominal=np.zeros(L.NOMINAL.size),
         P=np.zeros((L.ERROR.size, L.ERROR.size)),
@@ -335,24 +332,20 @@ def _fuse_slot(state, tick, horizon, row, observer_k):
     )
     if row[L.AID.gps_valid] > 0.0:
         lost = _fuse_fix(state, tick, horizon, row, observer_k)
-    if row[L.AID.baro_valid] > 0.0:
-        count[L.COUNT.baro_seen] = tick
-        if count[L.COUNT.baro_ready] == 0:
+    for which in FUSED_IN_ORDER:
+        at = L.AID_PLACES[which]
+        if row[at.valid] == 0.0:
+            continue
+        count[at.seen] = tick
+        if which == L.BARO_AID and count[L.COUNT.baro_ready] == 0:
             start_baro(x, P, row, k)
             count[L.COUNT.baro_ready] = 1
-            count[L.COUNT.baro_ok] = tick
-        elif fuse_baro(x, P, trial, dx, diag, row, k):
-            count[L.COUNT.baro_ok] = tick
-            count[L.COUNT.baro_fused] += 1
+            count[at.ok] = tick
+        elif fuse_aid(which, x, P, trial, dx, diag, row, k):
+            count[at.ok] = tick
+            count[at.fused] += 1
         else:
-            count[L.COUNT.baro_rejected] += 1
-    if row[L.AID.mag_valid] > 0.0:
-        count[L.COUNT.mag_seen] = tick
-        if fuse_mag(x, P, trial, dx, diag, row, k):
-            count[L.COUNT.mag_ok] = tick
-            count[L.COUNT.mag_fused] += 1
-        else:
-            count[L.COUNT.mag_rejected] += 1
+            count[at.rejected] += 1
     return lost
 
 
@@ -530,7 +523,7 @@ def observe(state, tick, y, u_prev, k, out):
     if ticks > 0:
         for t in range(now - ticks + 1, now + 1):
             if t == now:
-                store_mag_baro(state, now, y)
+                store_aids(state, now, y)
                 store_gps(state, now, y, k.horizon_ticks)
             if started:
                 lost = _filter_step(state, t - k.horizon_ticks, now, k) or lost
@@ -567,14 +560,16 @@ def observe(state, tick, y, u_prev, k, out):
 INPUTS = (
     topics.IMU,
     topics.IMU2,
-    topics.MAG,
-    topics.BARO,
+    *(row.topic for row in AIDS),
     topics.GPS_FIX,
     topics.GPS_VELOCITY,
     topics.ACTUATORS,
 )
 """What the observer hears, in the order of its inbox."""
-_IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _COMMAND = range(len(INPUTS))
+AID_INPUTS = slice(2, 2 + len(AIDS))
+"""Places of the samples of `AIDS` in it."""
+_IMU, _IMU2, *_, _FIX, _VELOCITY, _COMMAND = range(len(INPUTS))
+_FIRST_AID = AID_INPUTS.start
 
 
 @njit
@@ -588,11 +583,11 @@ def _measurements(state, inbox, tick, k, y):
         hear_imu(state, tick, stamps[_IMU], rows[_IMU], k, y)
     if stamps[_IMU2] == tick:
         copy_part(y, MEAS.imu2.start, rows[_IMU2], 0, IMU.size)
-    if has_come(inbox, _MAG):
-        copy_part(y, MEAS.mag.start, rows[_MAG], 0, 3)
-        y[MEAS.mag_valid] = 1.0
-    if has_come(inbox, _BARO):
-        y[MEAS.baro], y[MEAS.baro_valid] = rows[_BARO, 0], 1.0
+    for which in range(len(L.AID_PLACES)):
+        if has_come(inbox, _FIRST_AID + which):
+            at = L.AID_PLACES[which]
+            copy_part(y, at.first, rows[_FIRST_AID + which], 0, at.numbers)
+            y[at.arrived] = 1.0
     if has_come(inbox, _FIX):
         copy_part(y, MEAS.gps_pos.start, rows[_FIX], 0, 3)
         y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, stamps[_FIX]
@@ -648,12 +643,10 @@ def status(state, k):
     if now - count[L.COUNT.gps_ok] > k.gps_timeout_ticks:
         silent = now - count[L.COUNT.gps_seen] > k.gps_timeout_ticks
         return _GPS_TIMEOUT if silent else _GPS_REJECTED
-    if now - count[L.COUNT.mag_ok] > k.mag_timeout_ticks:
-        silent = now - count[L.COUNT.mag_seen] > k.mag_timeout_ticks
-        return _MAG_TIMEOUT if silent else _MAG_REJECTED
-    if now - count[L.COUNT.baro_ok] > k.baro_timeout_ticks:
-        silent = now - count[L.COUNT.baro_seen] > k.baro_timeout_ticks
-        return _BARO_TIMEOUT if silent else _BARO_REJECTED
+    for which in range(len(L.AID_PLACES)):
+        at, limit = L.AID_PLACES[which], k.aid_timeout_ticks[which]
+        if now - count[at.ok] > limit:
+            return at.timeout if now - count[at.seen] > limit else at.timeout + 1
     return _OK
 
 

@@ -4,6 +4,7 @@
 from typing import Any
 
 from heli_core.parameters import Parameter
+from heli_core.sensors import AIDS, SampledSensor
 
 NODE_NAME = "observer"
 
@@ -21,6 +22,12 @@ def _period(sensor: str) -> Parameter:
                 "ticks", lower=1, upper=1000)  # fmt: skip
 
 
+def _noise(sensor: SampledSensor) -> Parameter:
+    name = f"ekf.{sensor.name}.noise_{sensor.suffix}"
+    each = ", each axis" if sensor.numbers > 1 else ""
+    return _sigma(name, f"White {sensor.quantity} error{each}", sensor.unit, sensor.most_noise)
+
+
 def _timeout(sensor: str) -> Parameter:
     return _row(f"ekf.timeout.{sensor}_s", "double", f"Longest time without an accepted {sensor}",
                 "s", lower=0.02, upper=600.0)  # fmt: skip
@@ -29,8 +36,7 @@ def _timeout(sensor: str) -> Parameter:
 TABLE: tuple[Parameter, ...] = (
     _row("lockstep", "bool", "Act on the set of messages of a tick instead of on arrival"),
     _period("imu"),
-    _period("mag"),
-    _period("baro"),
+    *(_period(sensor.name) for sensor in AIDS),
     _period("gps"),
     _row("schedule.gps_latency_ticks", "int", "A fix comes so many ticks after it was true",
          "ticks", lower=0, upper=100),
@@ -63,9 +69,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("ekf.gps.drift_vertical_m", "double", "Slowly drifting height error", "m",
          lower=0.0, upper=100.0),
     _sigma("ekf.gps.drift_time_constant_s", "Correlation time of the drift", "s", 1e5),
-    _sigma("ekf.baro.noise_pa", "White pressure error", "Pa", 1e4),
+    *map(_noise, AIDS),
     _sigma("ekf.baro.bias_walk", "Pressure bias random walk", "Pa/s/sqrt(Hz)", 1e3),
-    _sigma("ekf.mag.noise_t", "White field error, each axis", "T", 1e-3),
     _row("ekf.mag.field_ned_t", "double[]", "Local magnetic field, north, east, down", "T",
          shape=(3,), lower=-1e-4, upper=1e-4),
     _row("ekf.mag.heading_error_rad", "double", "Slowly varying heading error (iron)", "rad",
@@ -89,8 +94,7 @@ TABLE: tuple[Parameter, ...] = (
     _timeout("gps"),
     _row("ekf.timeout.gps_recovery_s", "double", "Fixes that were refused for so long are believed",
          "s", lower=0.02, upper=600.0),
-    _timeout("mag"),
-    _timeout("baro"),
+    *(_timeout(sensor.name) for sensor in AIDS),
     _row("model.A", "double[]", "Hover model A of eq. (10), row by row", "", shape=(9, 9)),
     _row("model.B", "double[]", "Hover model B of eq. (10), row by row", "", shape=(9, 3)),
     _row("trim.x", "double[]", "Trim phi theta p q a_s b_s r d_int psi", "rad, rad/s", shape=(9,),
