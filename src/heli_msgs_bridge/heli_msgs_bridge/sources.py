@@ -250,6 +250,7 @@ SENDERS = "senders."
 SENDER_FIELDS = "sender_fields."
 """Key of the same as fields: a `TopicSenders` in JSON."""
 NOT_YET_NAMED = "a node that is not named yet"
+_MOST_FIELDS_CHARACTERS = 20_000
 
 
 @dataclass(frozen=True)
@@ -309,9 +310,18 @@ class TopicSenders:
 
     @classmethod
     def read(cls, text: str) -> "TopicSenders":
-        """Out of the JSON of `facts`."""
-        fields = json.loads(text)
-        return cls(**{**fields, "names": tuple(fields["names"])})
+        """Out of the JSON of `facts`; ValueError: it is none, or longer than a node's."""
+        if len(text) > _MOST_FIELDS_CHARACTERS:
+            raise ValueError(f"senders: {len(text)} characters")
+        try:
+            fields = json.loads(text)
+            names = fields.pop("names")
+            read = cls(**fields, names=tuple(names))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise ValueError(f"senders: not their fields: {error}") from None
+        if not isinstance(names, list) or not all(isinstance(n, str) for n in (read.topic, *names)):
+            raise ValueError("senders: topic and names are no texts")
+        return read
 
 
 def senders_of(node: Node, topic: str) -> list[tuple[str, str]]:

@@ -345,12 +345,13 @@ class Supervisor(Node):
         """In what nodes have said of a topic's senders, put the names that are known only now."""
 
         def unnamed() -> list[tuple[str, TopicSenders]]:
-            reports = [
-                (node, TopicSenders.read(text))
-                for node, status in self.statuses.items()
-                for key, text in status.facts.items()
-                if key.startswith(SENDER_FIELDS)
-            ]
+            reports = []
+            for node, status in self.statuses.items():
+                for key, text in status.facts.items():
+                    # Without a key it may be a stranger's: what is no such fields names nobody.
+                    with contextlib.suppress(ValueError):
+                        if key.startswith(SENDER_FIELDS):
+                            reports.append((node, TopicSenders.read(text)))
             return [(node, senders) for node, senders in reports if NOT_YET_NAMED in senders.names]
 
         def known(topic: str) -> list[tuple[str, str]]:
