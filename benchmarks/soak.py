@@ -6,9 +6,10 @@
                                      [--interrupts N] [--seed N] [--quick] [--json]
 
 One flight in lockstep and one in real time, through the graph and recorded: the resident memory of
-each process over flight time, its slope fitted after the first third; messages of the bag beside
-the topics' schedule; what stays in /dev/shm, in the folder of temporary files, and of processes.
-Then flights of a second, one after the other, and flights that get Ctrl-C at random times.
+each process over flight time, its slope fitted after the first third; its open files and threads;
+messages of the bag beside the topics' schedule; what stays in /dev/shm, in the folder of temporary
+files, and of processes. Then flights of a second, one after the other, and flights that get Ctrl-C
+at random times.
 """
 
 import argparse
@@ -61,6 +62,12 @@ def name_of(pid: int) -> str:
 def resident_mb(pid: int) -> float:
     """Resident memory of a process, MB."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_MB
+
+
+def held(pid: int) -> tuple[int, int]:
+    """Open files and threads of a process."""
+    process = Path(f"/proc/{pid}")
+    return len(list((process / "fd").iterdir())), len(list((process / "task").iterdir()))
 
 
 def in_shared_memory() -> set[str]:
@@ -155,31 +162,35 @@ def missing_from_bag(folder: Path, ticks: int) -> dict[str, list[int]]:
 
 
 def sampled(flying: "subprocess.Popen[bytes]", log: Path, pause_s: float) -> dict[str, Any]:
-    """Times, s of wall, and resident memory, MB, by process, from take-off to the end."""
+    """By process, from take-off to the end: times, s of wall; memory, MB; open files; threads."""
     while not (log.is_file() and "flying" in log.read_text()) and flying.poll() is None:
         time.sleep(0.05)
     pids = {name_of(pid): pid for pid in family(flying.pid)}
-    rows: dict[str, Any] = {name: ([], []) for name in pids}
+    rows: dict[str, Any] = {name: ([], [], [], []) for name in pids}
     while flying.poll() is None and "over after" not in log.read_text():
         for name, pid in pids.items():
             with contextlib.suppress(OSError):
-                value = resident_mb(pid)
-                rows[name][0].append(time.monotonic())
-                rows[name][1].append(value)
+                values = time.monotonic(), resident_mb(pid), *held(pid)
+                for row, value in zip(rows[name], values, strict=True):
+                    row.append(value)
         time.sleep(pause_s)
     return {name: row for name, row in rows.items() if row[0]}
 
 
-def memory_of(rows: dict[str, Any], seconds: float) -> dict[str, dict[str, float]]:
-    """First and last resident memory, MB, and its slope per hour of flight, by process."""
-    begun_s = min(times[0] for times, _ in rows.values())
-    flown_s = max(times[-1] for times, _ in rows.values()) - begun_s
+def memory_of(rows: dict[str, Any], seconds: float) -> dict[str, dict[str, Any]]:
+    """By process: resident memory, MB, and its slope per hour of flight; open files and threads."""
+    begun_s = min(row[0][0] for row in rows.values())
+    flown_s = max(row[0][-1] for row in rows.values()) - begun_s
     scale = seconds / max(flown_s, 1e-3) / 3600.0
     told = {}
-    for name, (times, values) in sorted(rows.items()):
+    for name, (times, values, files, threads) in sorted(rows.items()):
         hours = [(at - begun_s) * scale for at in times]
         slope = slope_per_hour(hours, values)
-        told[name] = {"first_mb": values[0], "last_mb": values[-1], "slope_mb_per_h": slope}
+        told[name] = {
+            "first_mb": values[0], "last_mb": values[-1], "slope_mb_per_h": slope,
+            "files": [files[0], max(files), files[-1]],
+            "threads": [threads[0], max(threads), threads[-1]],
+        }  # fmt: skip
     return told
 
 
@@ -277,7 +288,8 @@ def show(found: dict[str, Any]) -> None:
         for process, row in flight["memory"].items():
             print(
                 f"  {process:12s} {row['first_mb']:7.1f} MB to {row['last_mb']:7.1f} MB, "
-                f"{row['slope_mb_per_h']:+.2f} MB per hour of flight"
+                f"{row['slope_mb_per_h']:+.2f} MB per hour of flight; first, most and last of open "
+                f"files {row['files']}, of threads {row['threads']}"
             )
         print(f"  counts that are not the schedule's: {flight['wrong_counts'] or 'none'}")
         print(f"  left behind: {', '.join(flight['left']) or 'nothing'}")

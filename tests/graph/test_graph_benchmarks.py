@@ -54,6 +54,7 @@ def test_endurance(benchmark_of):
         assert {"plant", "observer", "inner_loop", "outer_loop", "recorder"} <= set(
             result[name]["memory"]
         )
+        assert all(row["files"][0] and row["threads"][0] for row in result[name]["memory"].values())
         assert result[name]["wrong_counts"] == {}
     assert result["starts"]["odd_exit_codes"] == [] and result["interrupts"]["odd_exit_codes"] == []
     assert result["interrupts"]["hung"] == 0

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.node_process import outlasts_set_clock
 
 # Three announcements of a node of ours (config/fastdds.xml): what was lost under load comes again.
 SETTLED_S = 1.5
@@ -199,9 +200,10 @@ def measure(
     executor.add_node(node)
     begun = time.monotonic()
     try:
-        while (done := time.monotonic() - begun) < duration_s + _BACKLOG_S:
-            progress(done)
-            executor.spin_once(timeout_sec=_POLL_S)
+        with outlasts_set_clock(executor):
+            while (done := time.monotonic() - begun) < duration_s + _BACKLOG_S:
+                progress(done)
+                executor.spin_once(timeout_sec=_POLL_S)
     finally:
         executor.remove_node(node)
         executor.shutdown()
@@ -296,15 +298,16 @@ def listen(
     executor.add_node(node)
     heard = time.monotonic()
     try:
-        while True:
-            executor.spin_once(timeout_sec=_POLL_S)
-            if arrived:
-                heard = time.monotonic()
-            elif timeout_s is not None and time.monotonic() - heard > timeout_s:
-                sentence = f"no message on {status.topic} in {timeout_s:g} s"
-                raise TopicError(sentence, TopicCause.SILENT, status.topic)
-            while arrived:
-                yield status.topic, arrived.popleft()
+        with outlasts_set_clock(executor):
+            while True:
+                executor.spin_once(timeout_sec=_POLL_S)
+                if arrived:
+                    heard = time.monotonic()
+                elif timeout_s is not None and time.monotonic() - heard > timeout_s:
+                    sentence = f"no message on {status.topic} in {timeout_s:g} s"
+                    raise TopicError(sentence, TopicCause.SILENT, status.topic)
+                while arrived:
+                    yield status.topic, arrived.popleft()
     finally:
         executor.remove_node(node)
         executor.shutdown()

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -109,9 +110,11 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
 
     def _next_folder(self) -> str:
         """Where to write; a bag of its own each time that this node is configured."""
-        wanted = self.values["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}"
+        named = self.values["bag"]
+        wanted = named or f"bags/{time.strftime('%Y%m%d-%H%M%S')}"
         folder, number = wanted, 1
-        while folder in self._folders:
+        # The clock may have been set back, or be that of the hour that is gone through twice.
+        while folder in self._folders or (not named and Path(folder).exists()):
             number += 1
             folder = f"{wanted}_{number}"
         return folder

@@ -266,7 +266,7 @@ class StartError(FlightError):
 
 
 class BrokenFlightError(FlightError):
-    """The graph broke in flight; what was recorded until then is kept."""
+    """A flight broke off, or was recorded in part; what was recorded until then is kept."""
 
 
 # -------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Folders that this user alone may write to, also in a place that all users of a machine share.
+"""Folders that this user alone may write to, also in a place that all users of a machine share;
+files that are there whole or not at all.
 
 Machine code of kernels is loaded from such a folder, and a module by a file of matplotlib's: who
 can write there runs code as this user. A name in the temporary folder can be foreseen, so whoever
@@ -43,6 +44,45 @@ def make_private(path: Path) -> bool:
         return False
     finally:
         os.close(folder)
+
+
+def others_may_replace(path: Path) -> bool:
+    """Whether another user may put something else in the place of what lies in a folder.
+
+    In one that others may write to, unless it is sticky; of a group that is not this user's first.
+    Also by way of a folder above it. OSError: there is none.
+    """
+    for folder in (path := path.resolve(strict=True), *path.parents):
+        state = folder.stat()
+        others = state.st_mode & stat.S_IWOTH
+        group = state.st_mode & stat.S_IWGRP and state.st_gid != os.getgid()
+        if (others or group) and not state.st_mode & stat.S_ISVTX:
+            return True
+    return False
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file that is there whole or, as on a full disk, stays what it was.
+
+    Raises
+    ------
+    OSError
+        It names the file.
+    """
+    raw = content.encode() if isinstance(content, str) else content
+    try:
+        target = path.resolve()
+        if target.exists() and not target.is_file():  # a pipe, or /dev/null
+            target.write_bytes(raw)
+            return
+        beside = target.with_name(f".{target.name}.{os.getpid()}")
+        try:
+            beside.write_bytes(raw)
+            beside.replace(target)
+        finally:
+            beside.unlink(missing_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 @cache

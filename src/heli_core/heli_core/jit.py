@@ -40,7 +40,7 @@ from numba.extending import (
     unbox,
 )
 
-from heli_core.folders import make_private, temporary_folder
+from heli_core.folders import make_private, others_may_replace, temporary_folder
 
 # -------------------------------------------------------------------------------------------------
 # Jit.
@@ -139,13 +139,16 @@ def source_digest(module: str, path: Path) -> str:
 def cache_root() -> Path:
     """First writable one of the user's cache folder and the system's temporary folder.
 
-    What lies there is run: a folder that is not this user's own is not taken.
+    What lies there is run: a folder that is not this user's own, or that others may replace, is not
+    taken.
     """
     try:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         base.mkdir(parents=True, exist_ok=True)
         root = base / "heli_hover" / "kernels"
-        usable = make_private(root.parent) and make_private(root) and os.access(root, os.W_OK)
+        usable = not others_may_replace(base)
+        usable = usable and make_private(root.parent) and make_private(root)
+        usable = usable and os.access(root, os.W_OK)
     except (OSError, RuntimeError):  # read-only, or no home at all
         usable = False
     return root if usable else temporary_folder("kernels")

@@ -20,6 +20,7 @@ import yaml
 
 from heli_core.errors import ParameterCause as ParameterCause
 from heli_core.errors import ParameterError as ParameterError
+from heli_core.folders import write_whole
 from heli_core.foreign_files import FileCause, FileError, compose_yaml, read_text
 
 # -------------------------------------------------------------------------------------------------
@@ -406,7 +407,7 @@ def dump_all(
         lines += [f"/**/{node_name.strip('/')}:", "  ros__parameters:"]
         lines += [f"    {name}: {_yaml_value(value)}" for name, value in values.items()]
     try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_whole(Path(path), "\n".join(lines) + "\n")
     except OSError as error:
         raise ParameterError(
             f"cannot write parameters: {error.strerror}",

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folders that are this user's alone, where others could have been first."""
 
+import errno
 import os
 import stat
 import subprocess
@@ -97,3 +98,55 @@ def test_a_cache_that_others_made_is_not_read(tmp_path):
         [sys.executable, "-c", CODE], env=env, capture_output=True, text=True, check=True
     )
     assert done.stdout.startswith(str(tmp_path / f"heli_hover-{os.getuid()}"))
+
+
+def test_a_cache_in_a_folder_that_others_may_write_to_is_not_read(tmp_path):
+    """Whoever may rename what lies there may put his own in its place; a sticky one lets nobody."""
+    shared, place = tmp_path / "shared", tmp_path / f"heli_hover-{os.getuid()}"
+    (shared / "cache").mkdir(parents=True)
+    for rights, used in ((0o777, False), (0o1777, True), (0o755, True)):
+        for folder in (shared, shared / "cache"):
+            folder.chmod(rights)
+            env = {
+                **os.environ, "TMPDIR": str(tmp_path), "XDG_CACHE_HOME": str(shared / "cache"),
+            }  # fmt: skip
+            done = subprocess.run(
+                [sys.executable, "-c", CODE], env=env, capture_output=True, text=True, check=True
+            )
+            assert done.stdout.startswith(str(shared if used else place)), oct(rights)
+            folder.chmod(0o755)
+
+
+@pytest.fixture
+def full(monkeypatch):
+    """A disk that takes half of what is written."""
+
+    def write_bytes(path, raw):
+        with open(path, "wb") as file:
+            file.write(raw[: len(raw) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
+
+
+def test_on_a_full_disk_a_file_stays_what_it_was(full, tmp_path):
+    page = tmp_path / "report.html"
+    for before in (None, "what was"):
+        if before is not None:
+            page.write_text(before)
+        with pytest.raises(OSError, match="report.html") as refused:
+            folders.write_whole(page, "what is to be")
+        assert refused.value.errno == errno.ENOSPC
+        assert page.exists() == (before is not None)
+        assert {path.name for path in tmp_path.iterdir()} == ({page.name} if before else set())
+    assert page.read_text() == "what was"
+
+
+def test_a_file_is_written_whole_also_behind_a_link_and_into_a_device(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    link = tmp_path / "page.html"
+    link.symlink_to(tmp_path / "elsewhere" / "page.html")
+    folders.write_whole(link, "a page")
+    assert link.is_symlink() and link.read_text() == "a page"
+    folders.write_whole(Path("/dev/null"), b"nothing")
+    assert not Path("/dev/null").is_file()

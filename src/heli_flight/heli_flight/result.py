@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 
 from heli_core.coverage import Coverage, words
+from heli_core.folders import write_whole
 from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, ClimbFigure
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.wind import GUST, draw_gusts
@@ -380,4 +381,4 @@ def write_result(
         "parameter_files": [str(path) for path in settings.files],
         **extra,
     }
-    (folder / RESULT).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / RESULT, json.dumps(content, indent=2) + "\n")

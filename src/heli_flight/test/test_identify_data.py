@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from heli_bags.writer import BagRecorder
+from heli_core.errors import BrokenFlightError
+from heli_flight.cli.common import EXIT_BROKEN, _refusal
 from heli_flight.record import FlightRecord
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_msgs_bridge.messages import Encoder
+from heli_studies import identify
 from heli_studies.identify import (
     BagDataError,
     IdentificationInputs,
@@ -112,6 +115,19 @@ def test_a_gap(bag):
         read(bag(change=drop))
     assert refused.value.coverage.gap_s == pytest.approx((1.5, 1.53))
     assert refused.value.coverage.share == pytest.approx(197 / 200)
+
+
+def test_a_flight_of_its_own_that_was_recorded_in_part_is_no_bad_input(bag, tmp_path, monkeypatch):
+    """As on a disk that is full: exit code 1, as of the other commands that fly."""
+
+    def fly(settings, folder, progress):
+        bag(ticks=200).rename(folder)
+
+    monkeypatch.setattr(identify, "_fly_graph", fly)
+    order = identify.IdentifyOrder(quiet=True)
+    with pytest.raises(BrokenFlightError) as refused:
+        identify._experiment(order, "actuators", GIVEN, tmp_path)
+    assert _refusal(refused.value) == EXIT_BROKEN
 
 
 def test_a_record_of_one_process_that_ends_early(excited):

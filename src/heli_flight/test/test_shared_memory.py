@@ -35,6 +35,11 @@ def test_who_is_about_to_begin_keeps_its_own(folder):
     assert remove_left(folder, lambda: begun_s + 1.0) == []
 
 
+def test_what_was_left_before_the_clock_was_set_back_is_removed_too(folder):
+    begun_s = (folder / f"{DEAD}_el").stat().st_mtime
+    assert DEAD in remove_left(folder, lambda: begun_s - 3600.0)
+
+
 def test_others_are_left_alone(folder, monkeypatch):
     monkeypatch.setattr("os.getuid", lambda: 12345)
     assert remove_left(folder, lambda: LONG_AFTER_S) == []

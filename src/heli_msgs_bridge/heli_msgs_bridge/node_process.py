@@ -177,6 +177,69 @@ def _others(node: Node) -> tuple[object, ...]:
 
 
 # -------------------------------------------------------------------------------------------------
+# The system clock is set while somebody waits.
+#
+# The wheels of rclpy and Fast DDS wait on condition variables for a time of the system clock, also
+# where they mean the steady one (libstdc++ without pthread_cond_clockwait): set back by an hour, a
+# wait of 50 ms that is under way takes an hour, unless something comes.
+# -------------------------------------------------------------------------------------------------
+
+_CANCEL_ON_SET = 0b11  # TFD_TIMER_ABSTIME | TFD_TIMER_CANCEL_ON_SET of timerfd_create(2)
+_NEVER_S = 1 << 33
+
+
+class _TimerSpec(ctypes.Structure):
+    """`struct itimerspec` of timerfd_create(2): interval and time, each in s and ns."""
+
+    _fields_ = [(name, ctypes.c_long) for name in ("every_s", "every_ns", "at_s", "at_ns")]
+
+
+@contextlib.contextmanager
+def when_clock_is_set(call: Callable[[], object]) -> Iterator[None]:
+    """Within the block, call something from another thread each time the system clock is set.
+
+    Slewing, as NTP does it in daily life, is no setting. Elsewhere than on Linux nothing is called.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    file = libc.timerfd_create(time.CLOCK_REALTIME, os.O_CLOEXEC) if sys.platform == "linux" else -1
+    if file < 0:
+        yield
+        return
+    over = threading.Event()
+
+    def wait() -> None:
+        while not over.is_set():
+            try:
+                os.read(file, 8)
+            except OSError:  # ECANCELED
+                call()
+
+    libc.timerfd_settime(file, _CANCEL_ON_SET, ctypes.byref(_TimerSpec(0, 0, _NEVER_S, 0)), None)
+    thread = threading.Thread(target=wait, name="clock_is_set", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        libc.timerfd_settime(file, 0, ctypes.byref(_TimerSpec(0, 0, 0, 1)), None)
+        thread.join()
+        os.close(file)
+
+
+@contextlib.contextmanager
+def outlasts_set_clock(executor: Executor, nodes: Sequence[Node] = ()) -> Iterator[None]:
+    """Within the block, an executor's waits and these nodes' timers on it go on if it is set."""
+
+    def go_on() -> None:
+        for node in nodes:
+            for timer in list(node.timers):
+                timer.reset()
+
+    with when_clock_is_set(lambda: executor.create_task(go_on)):
+        yield
+
+
+# -------------------------------------------------------------------------------------------------
 # Node process.
 # -------------------------------------------------------------------------------------------------
 
@@ -316,7 +379,8 @@ def _spin(nodes: Sequence[ManagedNode], ending: Ending) -> int:
         node.notify_end = spinning.stop
     ending.wake_by(spinning.stop)
     try:
-        return _serve(nodes, spinning)
+        with outlasts_set_clock(executor, nodes):
+            return _serve(nodes, spinning)
     finally:
         ending.wake_by(None)
         # It holds the nodes' parts, which could not be destroyed then.

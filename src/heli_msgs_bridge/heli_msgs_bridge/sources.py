@@ -122,8 +122,11 @@ class PublisherLock:
     period_ns : int
         Distance of two stamps; 0 where there is none: any later one within a second goes on.
     now_s : callable, optional
-        Wall time, s, where the middleware does not say when a message came. What waited in a
-        queue came earlier than it is judged: a reader that lags sees no silence in its own time.
+        Steady time, s. What waited in a queue came earlier than it is judged: a reader that lags
+        sees no silence in its own time.
+    wall_s : callable, optional
+        The system clock, s, of which the middleware says when a message came. Only for how long it
+        waited: who sets that clock makes no owner silent.
     is_genuine : callable, optional
         Whether a serialised message is signed by a node of this graph (`signatures`); others are
         nobody's then, whatever their numbers.
@@ -155,8 +158,10 @@ class PublisherLock:
         strangers: Callable[[], bool] = lambda: False,
         is_message: Callable[[bytes], bool] = lambda raw: True,
         is_genuine: Callable[[bytes], bool] | None = None,
+        wall_s: Callable[[], float] = time.time,
     ) -> None:
-        self._count, self._silence_s, self._now_s = count, silence_s, now_s
+        self._count, self._silence_s = count, silence_s
+        self._now_s, self._wall_s = now_s, wall_s
         self._successor, self._strangers = successor, strangers
         self._is_message, self._is_genuine = is_message, is_genuine
         self._period_ns = period_ns
@@ -176,7 +181,10 @@ class PublisherLock:
             self.ignored += 1
             return False
         number = info["publication_sequence_number"]
-        came_s = info.get("received_timestamp", 0) / NS_PER_S or self._now_s()
+        came_s, received_ns = self._now_s(), info.get("received_timestamp", 0)
+        if received_ns:
+            waited_s = max(self._wall_s() - received_ns / NS_PER_S, 0.0)
+            came_s = max(came_s - waited_s, self._heard_s)
         if (number - 1 == self._number and not self._others) or self._judge(number, raw, came_s):
             self._last = self._number, self._raw, self._heard_s
             self._number, self._raw, self._heard_s = number, raw, came_s
@@ -242,6 +250,7 @@ SENDERS = "senders."
 SENDER_FIELDS = "sender_fields."
 """Key of the same as fields: a `TopicSenders` in JSON."""
 NOT_YET_NAMED = "a node that is not named yet"
+_MOST_FIELDS_CHARACTERS = 20_000
 
 
 @dataclass(frozen=True)
@@ -301,9 +310,18 @@ class TopicSenders:
 
     @classmethod
     def read(cls, text: str) -> "TopicSenders":
-        """Out of the JSON of `facts`."""
-        fields = json.loads(text)
-        return cls(**{**fields, "names": tuple(fields["names"])})
+        """Out of the JSON of `facts`; ValueError: it is none, or longer than a node's."""
+        if len(text) > _MOST_FIELDS_CHARACTERS:
+            raise ValueError(f"senders: {len(text)} characters")
+        try:
+            fields = json.loads(text)
+            names = fields.pop("names")
+            read = cls(**fields, names=tuple(names))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise ValueError(f"senders: not their fields: {error}") from None
+        if not isinstance(names, list) or not all(isinstance(n, str) for n in (read.topic, *names)):
+            raise ValueError("senders: topic and names are no texts")
+        return read
 
 
 def senders_of(node: Node, topic: str) -> list[tuple[str, str]]:

@@ -108,24 +108,49 @@ def test_a_successor_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic
     assert topic.hears(51) and not topic.hears(4)
 
 
-def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
+class Queue:
+    """Messages that DDS has received at times of a system clock, and a reader that may lag."""
+
+    def __init__(self, successor=lambda silent: silent):
+        self.time_s, self.wall_s = 1000.0, 1_795_613_931.0
+        self.owner = PublisherLock(
+            lambda: 2, 10.0, PERIOD_NS, lambda: self.time_s, successor, wall_s=lambda: self.wall_s
+        )
+
+    def goes_on(self, seconds):
+        self.time_s += seconds
+        self.wall_s += seconds
+
+    def hears(self, number, ago_s=0.0):
+        received_ns = round((self.wall_s - ago_s) * 1e9)
+        info = {"publication_sequence_number": number, "received_timestamp": received_ns}
+        return self.owner.admits(b"", info)
+
+
+def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged():
     """A reader that lags finds the last message of the owner and the first of its successor."""
-    topic.senders = 2
-    topic.owner = PublisherLock(
-        lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: silent
-    )
-    came_ns = 1_795_613_931 * 10**9
+    queue = Queue()
+    assert queue.hears(50)
+    queue.goes_on(60.0)
+    assert not queue.hears(1, 60.0 - SUCCESSOR_S / 2)
+    assert queue.hears(2, 60.0 - 2 * SUCCESSOR_S) and queue.hears(3, 60.0 - 2 * SUCCESSOR_S)
+    assert queue.owner.successions == 0
 
-    def hears(number, after_s):
-        info = {"publication_sequence_number": number}
-        received_ns = came_ns + round(after_s * 1e9)
-        return topic.owner.admits(b"", info | {"received_timestamp": received_ns})
 
-    assert hears(50, 0.0)
-    topic.time_s += 60.0
-    assert not hears(1, SUCCESSOR_S / 2)
-    assert hears(2, 2 * SUCCESSOR_S) and hears(3, 2 * SUCCESSOR_S)
-    assert topic.owner.successions == 0
+@pytest.mark.parametrize("jump_s", [-86400.0, -3600.0, -1.0, 1.0, 3600.0, 86400.0])
+def test_a_system_clock_that_is_set_makes_no_owner_silent(jump_s):
+    """Nor does it keep a successor waiting; also of what had come, but was not judged yet."""
+    queue = Queue()
+    for number in range(10):
+        queue.goes_on(0.01)
+        assert queue.hears(100 + number)
+    queue.wall_s += jump_s
+    assert not queue.hears(1)
+    assert queue.hears(110, jump_s + 0.002) and not queue.hears(2, jump_s + 0.001)
+    queue.goes_on(0.01)
+    assert not queue.hears(3) and queue.hears(111)
+    queue.goes_on(2 * SUCCESSOR_S)
+    assert queue.hears(4) and queue.owner.successions == 0
 
 
 def test_who_is_known_to_be_a_successor_need_not_wait_for_silence(topic):

@@ -4,6 +4,8 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import pytest
+
 from heli_msgs_bridge.handover import FOLDER, note_restart
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
@@ -67,6 +69,18 @@ def test_fields_of_senders_come_back_and_make_the_sentence():
     assert replace(read, names=("/one", "/two")).sentence == SENTENCES["followed"]
     unknown = TopicSenders("odom", ignored=1)
     assert unknown.facts()[f"{SENDERS}odom"] == SENTENCES["unknown"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "3", "null", "{}", '{"names": 3}', '{"names": [], "topic": 7}', "[" * 10_000,
+     '{"names": [[]], "topic": "joy"}', '{"names": [], "topic": "joy", "more": 1}',
+     '{"names": ["' + "a" * 20_000 + '"], "topic": "joy"}'],
+)  # fmt: skip
+def test_what_is_no_fields_of_senders_is_refused(text):
+    """A stranger may say it in /diagnostics of a flight without a key."""
+    with pytest.raises(ValueError, match="^senders: "):
+        TopicSenders.read(text)
 
 
 def test_a_node_whose_name_has_not_come_is_no_name_of_the_middleware():

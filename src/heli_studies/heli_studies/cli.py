@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from heli_core.folders import write_whole
 from heli_flight.cli import common
 from heli_flight.cli.common import (
     EXIT_OF_FLIGHTS,
@@ -126,7 +127,7 @@ def compare_attitude(
             from heli_studies.compare_flights import draw_attitude
 
             draw_attitude(result, out / "attitude.png")
-            (out / "attitude.json").write_text(json_text(result.as_dict()), encoding="utf-8")
+            write_whole(out / "attitude.json", json_text(result.as_dict()))
     if as_json:
         print(json_text(result.as_dict()), end="")
         return 0
@@ -280,7 +281,7 @@ def compare_laws(
             from heli_studies.compare_flights import draw_law_matrix
 
             draw_law_matrix(result.as_dict(), out / "laws.png")
-            (out / "laws.json").write_text(json_text(result.as_dict()), encoding="utf-8")
+            write_whole(out / "laws.json", json_text(result.as_dict()))
     if as_json:
         print(json_text(result.as_dict()), end="")
         return 0
@@ -675,7 +676,7 @@ def _searched(
         result = content()
         points, _ = flights.all()
         again = write_rerun_files(points, result["again"], out / "worst")
-        (out / "result.json").write_text(json_text(result), encoding="utf-8")
+        write_whole(out / "result.json", json_text(result))
         if as_json and not broken:
             print(json_text(result), end="")
             return
@@ -971,7 +972,7 @@ def design(
             with being_filled(out):
                 write_yaml(made, out / "design.yaml")
                 draw_all(made, out)
-                (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
+                write_whole(out / "design.json", json_text(as_dict(made)))
             progress(2)
     for remark in made.remarks:
         console(stderr=True).print(remark, highlight=False, soft_wrap=True, markup=False)
@@ -1021,7 +1022,7 @@ def robust(
     if out is not None:
         with being_filled(out):
             prove.draw(proof, out / "box.png")
-            (out / "robust.json").write_text(json_text(prove.as_dict(proof)), encoding="utf-8")
+            write_whole(out / "robust.json", json_text(prove.as_dict(proof)))
     written = f"written: {out}" if out else ""
     return answer(prove.as_dict(proof), as_json, partial(prove.print_proof, proof), written)
 

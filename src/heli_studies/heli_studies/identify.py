@@ -33,7 +33,7 @@ from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.writer import BagError
 from heli_core.command_line import config_folder
 from heli_core.coverage import Coverage, coverage_of
-from heli_core.errors import FlightError
+from heli_core.errors import BrokenFlightError
 from heli_core.parameters import Parameter, load
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_angles, quat_to_R_nb
@@ -772,7 +772,7 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
     Raises
     ------
     ParameterError, BagDataError, IdentificationError, SynthesisError, FlightError
-        Each with one sentence.
+        Each with one sentence; BrokenFlightError if a flight of its own came to nothing.
     """
     if (wanted.actuators is None) != (wanted.gusts is None):
         raise ParameterError("--actuators and --gusts: give both bags, or none to fly them")
@@ -820,7 +820,11 @@ def _experiment(
         if wanted.one_process or folder is None:
             return _fly_alone(settings, a_priori, lambda s: progress(int(s)), wanted.quiet)
         _fly_graph(settings, folder / kind, lambda s: progress(int(s)))
-    return experiment_of_bag(folder / kind, kind, a_priori, start_time_s)
+    try:
+        return experiment_of_bag(folder / kind, kind, a_priori, start_time_s)
+    except BagDataError as error:
+        # Nothing was wrong with what the user gave.
+        raise BrokenFlightError(str(error)) from error
 
 
 def _fly_alone(
@@ -831,7 +835,7 @@ def _fly_alone(
     tell_if_it_compiles(silent() if quiet else console(stderr=True))
     flight = closed_loop.simulate(settings, progress=progress)
     if flight.sentence:
-        raise FlightError(f"{settings.scenario_name}: {flight.sentence}")
+        raise BrokenFlightError(f"{settings.scenario_name}: {flight.sentence}")
     return experiment_of_record(flight.record, a_priori)
 
 
@@ -842,7 +846,7 @@ def _fly_graph(settings: Settings, folder: Path, progress: Any) -> None:
     write_parameters(settings, folder / NAME)
     result, _, _ = fly_graph(settings, folder, progress)
     if result.lost:
-        raise FlightError(f"{settings.scenario_name}: {result.lost}")
+        raise BrokenFlightError(f"{settings.scenario_name}: {result.lost}")
 
 
 def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from heli_analysis.identification.model import (
     measured_response,
 )
 from heli_analysis.identification.spectra import CHANNELS, RATES, Experiment, Spectra, spectra_of
+from heli_core.folders import write_whole
 from heli_core.linear import WIND
 from heli_core.ticks import TICK_S
 from heli_flight.interrupts import held_back
@@ -262,7 +263,7 @@ def write_page(outcome: IdentifyOutcome, folder: Path) -> Path:
     """
     drawn = charts(outcome.identification, outcome.truth)
     page = folder / PAGE
-    page.write_text(render(outcome, drawn), encoding="utf-8")
+    write_whole(page, render(outcome, drawn))
     write_figures(drawn, _conditions(outcome), folder / FIGURES)
     return page
 
@@ -375,7 +376,7 @@ def write(outcome: IdentifyOutcome, folder: Path) -> None:
     from heli_studies.design.make import write_yaml
 
     write_yaml(outcome.identification.design, folder / YAML, "heli identify, from flight data")
-    (folder / JSON).write_text(json_text(as_dict(outcome)), encoding="utf-8")
+    write_whole(folder / JSON, json_text(as_dict(outcome)))
     write_page(outcome, folder)
 
 

@@ -747,6 +747,7 @@ def ulog(
     as_json: Json = False,
 ) -> int:
     """Write a flight as ULog, for PX4 Flight Review and PlotJuggler."""
+    from heli_core.folders import write_whole
     from heli_flight.report.write import recorded, ulog_of
     from heli_flight.terminal import refuse_existing
 
@@ -756,7 +757,7 @@ def ulog(
     written = out or flight.folder / "flight.ulg"
     content = ulog_of(flight)
     written.parent.mkdir(parents=True, exist_ok=True)
-    written.write_bytes(content)
+    write_whole(written, content)
     if as_json:
         print(json.dumps({"ulog": str(written), "bytes": len(content)}))
         return 0

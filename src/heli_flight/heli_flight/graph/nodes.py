@@ -22,7 +22,7 @@ from heli_core.faults import NONE, flow_mapping
 from heli_core.folders import temporary_folder
 from heli_flight import interrupts
 from heli_flight.graph.processes import DISCOVERY, check_middleware
-from heli_msgs_bridge.node_process import wait_for_dds_shutdown
+from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_outer_pd.joystick import Device, DeviceError, Reading
 
 # -------------------------------------------------------------------------------------------------
@@ -83,7 +83,8 @@ class FaultSetter:
                         "flight run in this ROS_DOMAIN_ID?"
                     )
             future = client.call_async(request)
-            rclpy.spin_until_future_complete(self._node, future, timeout_sec=self._limit_s)
+            with outlasts_set_clock(rclpy.get_global_executor()):
+                rclpy.spin_until_future_complete(self._node, future, timeout_sec=self._limit_s)
             if not future.done():
                 raise ValueError(f"{self._at}/{name} does not answer within {self._limit_s:g} s")
             return future.result()

@@ -243,7 +243,8 @@ def remove_left(folder: Path = SHARED_MEMORY, now_s: Callable[[], float] = time.
 
 def _is_left(lock: Path, now_s: float) -> bool:
     status = lock.stat()
-    if status.st_uid != os.getuid() or now_s - status.st_mtime < _YOUNG_S:
+    # One of the future is old: the clock was set back since.
+    if status.st_uid != os.getuid() or abs(now_s - status.st_mtime) < _YOUNG_S:
         return False
     descriptor = os.open(lock, os.O_RDONLY)
     try:

@@ -5,6 +5,7 @@ It waits for events (a service that appears, a transition that is confirmed, the
 word), never for time; limits are only there to name who is silent.
 """
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +30,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of, state_of
-from heli_msgs_bridge.node_process import wait_for_dds_shutdown
+from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_msgs_bridge.signatures import signature_of, signing
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
@@ -179,6 +180,8 @@ class Supervisor(Node):
         super().__init__(NODE_NAME, namespace=namespace, context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
+        self._ends = contextlib.ExitStack()
+        self._ends.enter_context(outlasts_set_clock(self._executor))
         self._change = {
             name: self.create_client(ChangeState, f"{name}/change_state") for name in managed
         }
@@ -342,12 +345,13 @@ class Supervisor(Node):
         """In what nodes have said of a topic's senders, put the names that are known only now."""
 
         def unnamed() -> list[tuple[str, TopicSenders]]:
-            reports = [
-                (node, TopicSenders.read(text))
-                for node, status in self.statuses.items()
-                for key, text in status.facts.items()
-                if key.startswith(SENDER_FIELDS)
-            ]
+            reports = []
+            for node, status in self.statuses.items():
+                for key, text in status.facts.items():
+                    # Without a key it may be a stranger's: what is no such fields names nobody.
+                    with contextlib.suppress(ValueError):
+                        if key.startswith(SENDER_FIELDS):
+                            reports.append((node, TopicSenders.read(text)))
             return [(node, senders) for node, senders in reports if NOT_YET_NAMED in senders.names]
 
         def known(topic: str) -> list[tuple[str, str]]:
@@ -434,6 +438,7 @@ class Supervisor(Node):
     def close(self) -> None:
         """Take the node out of the graph."""
         wait_for_dds_shutdown(self)
+        self._ends.close()
         self._executor.remove_node(self)
         self._executor.shutdown(timeout_sec=0.5)
         self.destroy_node()

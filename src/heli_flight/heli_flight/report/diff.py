@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
+from heli_core.folders import write_whole
 from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_angles
@@ -478,7 +479,7 @@ def write_diff(comparison: FlightDiff, page: Path) -> None:
     OSError
         It cannot be written.
     """
-    page.write_text(render(comparison), encoding="utf-8")
+    write_whole(page, render(comparison))
 
 
 def render(comparison: FlightDiff) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from heli_bags.reader import Remark
 from heli_bags.tools import LogTopic, ulog
+from heli_core.folders import write_whole
 from heli_core.foreign_files import FileError, read_json
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import quat_from_euler
@@ -128,7 +129,7 @@ def write_report(
     charts = with_bands([chart for chart in charts if chart.has_data], bands)
     page = folder / PAGE
     text = render(report, charts, design, spectra, files=figures)
-    page.write_text(text, encoding="utf-8")
+    write_whole(page, text)
     if figures:
         # matplotlib takes half a second to import.
         from heli_flight.report.figures import write_figures

@@ -14,6 +14,7 @@ import pyarrow as pa
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from heli_core.folders import write_whole
 from heli_core.metrics import BY_KEY, METRICS, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.report.data import Chart, Panel, Trace
@@ -546,7 +547,7 @@ def write_page(campaign: CampaignFolder, folder: Path, progress: Callable[[int],
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / PAGE).write_text(text, encoding="utf-8")
+        write_whole(folder / PAGE, text)
         progress(2)
         write_figures(charts, _conditions(campaign), folder / FIGURES)
     except OSError as error:

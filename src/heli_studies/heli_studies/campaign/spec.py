@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
+from heli_core.folders import write_whole
 from heli_core.foreign_files import FileError, read_text, read_yaml
 from heli_core.parameters import Parameter
 from heli_core.rcl_yaml import ParameterError, file_refusal, printable
@@ -698,7 +699,7 @@ def settings_of(spec: Spec, number: int, folder: Path) -> Settings:
             group, _, key = name.partition(".")
             groups.setdefault(group, {})[key] = value
         file = folder / f"aircraft_{number}.yaml"
-        file.write_text(yaml.safe_dump(groups, sort_keys=False), encoding="utf-8")
+        write_whole(file, yaml.safe_dump(groups, sort_keys=False))
     return spec.settings(number, file)
 
 

@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 
 from heli_core.central_controller import GeneralisedPlant, NoControllerError, optimal_gamma
 from heli_core.errors import InfeasibleGammaError, RobustError
+from heli_core.folders import write_whole
 from heli_core.linear import with_servos
 from heli_core.rcl_yaml import ParameterError, dump_all
 from heli_core.rotations import quat_to_R_nb
@@ -1088,7 +1089,7 @@ def write_yaml(design: FinishedDesign, path: Path, by: str = "heli design") -> N
         f"{flown.disk_output.alpha:.3f} at its output\n"
         "# Arrays are flat, row by row; units and meaning: the packaged YAML of each node.\n"
     )
-    path.write_text(head + path.read_text(encoding="utf-8"), encoding="utf-8")
+    write_whole(path, head + path.read_text(encoding="utf-8"))
 
 
 # -------------------------------------------------------------------------------------------------
