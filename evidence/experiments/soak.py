@@ -62,8 +62,8 @@ def soak_quarter(results: Results) -> str:
             cells += [" / ".join(map(str, row[name])) for name in ("files", "threads")]
         rows.append(cells)
     return (
-        f"{grid(head, rows)}\n\nThe slope leaves out the first third. Files and threads: at first / "
-        "at most / at last.\n\n"
+        f"{grid(head, rows)}\n\nThe slope leaves out the first third. Files and threads: at first "
+        "/ at most / at last.\n\n"
         f"{_sentences(record, flights)}"
     )
 
