@@ -51,16 +51,19 @@ def soak_quarter(results: Results) -> str:
     flights = {"lockstep": record["lockstep"], "real time": record["realtime"]}
     head, rows = ["process"], []
     for name, flight in flights.items():
-        head += [f"{name} {flight['seconds']:g} s: MB", "open files", "threads"]
+        head += [f"{name} {flight['seconds']:g} s: MB", "slope, MB per hour"]
+        head += ["open files", "threads"]
     for process in sorted(record["lockstep"]["memory"]):
         cells = [process]
         for flight in flights.values():
             row = flight["memory"][process]
             cells.append(f"{row['first_mb']:.1f} to {row['last_mb']:.1f}")
+            cells.append(f"{row['slope_mb_per_h']:+.1f}")
             cells += [" / ".join(map(str, row[name])) for name in ("files", "threads")]
         rows.append(cells)
     return (
-        f"{grid(head, rows)}\n\nFiles and threads: at first / at most / at last.\n\n"
+        f"{grid(head, rows)}\n\nThe slope leaves out the first third. Files and threads: at first "
+        "/ at most / at last.\n\n"
         f"{_sentences(record, flights)}"
     )
 

@@ -45,7 +45,7 @@ class Access:
     def __init__(self, token: str, why: str = VIEW_ONLY) -> None:
         self._token, self._why = token.encode(), why
         self._owner: str | None = None
-        self._wrong_s: deque[float] = deque()
+        self._wrong_s: deque[float] = deque(maxlen=_TRIES)
 
     @property
     def enabled(self) -> bool:
@@ -68,14 +68,16 @@ class Access:
             return self._why
         while self._wrong_s and now_s - self._wrong_s[0] > _WINDOW_S:
             self._wrong_s.popleft()
+        token_bytes = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
+        right = hmac.compare_digest(token_bytes, self._token)
+        if right and self._owner is None:
+            # Others who guess keep nobody out who knows it.
+            self._owner = browser
         if len(self._wrong_s) >= _TRIES and browser != self._owner:
             return SLOW_DOWN
-        token_bytes = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
-        if not hmac.compare_digest(token_bytes, self._token):
+        if not right:
             self._wrong_s.append(now_s)
             return WRONG
-        if self._owner is None:
-            self._owner = browser
         return "" if browser == self._owner else TAKEN
 
 

@@ -45,6 +45,8 @@ from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.messages import Decoder, has_fix
 from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.signatures import Signature, signature_of
+from heli_msgs_bridge.sources import PublisherLock, lock_of
 
 # -------------------------------------------------------------------------------------------------
 # Carries admitted commands out through the graph's services and topics, one after the other.
@@ -297,6 +299,8 @@ def _messages(values: Mapping[str, Any]) -> list[Parameter]:
 # -------------------------------------------------------------------------------------------------
 
 _DEPTH = 10
+# Wall time after which a silent sender of a stream is succeeded by another one.
+_SILENT_S = 2.0
 _SLOW_PERIOD_S = 1.0
 
 
@@ -327,6 +331,12 @@ class View:
         Per topic in `COUNTED` the messages that have not been counted.
     facts : dict
         For /diagnostics.
+    owners : dict of PublisherLock
+        Per stream whose messages are shown.
+    signature : Signature or None
+        Of what the flight's nodes say in /diagnostics, where they sign.
+    forged : int
+        Messages under the flight's nodes' names that they have not signed.
     """
 
     screen: Screen
@@ -341,6 +351,9 @@ class View:
     decoders: dict[str, Decoder] = field(
         default_factory=lambda: {name: Decoder(name) for name in SHOWN}
     )
+    owners: dict[str, PublisherLock] = field(default_factory=dict)
+    signature: Signature | None = None
+    forged: int = 0
 
 
 class LiveViewNode(ManagedNode[View, None]):
@@ -367,6 +380,7 @@ class LiveViewNode(ManagedNode[View, None]):
         core = View(screen, page, foxglove, scene, full, {"page": page.url, "viewers": 0})
         if foxglove is not None:
             core.facts["foxglove"] = foxglove.url
+        core.signature = signature_of(full[topics.DIAGNOSTICS])
         for topic in topics.TABLE:
             self._subscribe(core, topic)
         self.create_wall_timer(1.0 / STATE_HZ, self._show)
@@ -444,16 +458,25 @@ class LiveViewNode(ManagedNode[View, None]):
             depth=_DEPTH,
             reliability=ReliabilityPolicy.BEST_EFFORT,
         )
-        self.subscribe(name, receive, None if reliable else best_effort, raw=True)
+        if reliable:
+            self.subscribe(name, receive, raw=True)
+            return
+        owner = core.owners[name] = lock_of(self, name, _SILENT_S, topic.period_ns(self.rate))
+        self.subscribe(name, receive, best_effort, raw=True, owner=owner)
 
     def _deserialize(self, name: str, raw: bytes) -> Any:
         return deserialize_message(raw, topics.message_class(topics.BY_NAME[name].type))
 
     def _on_diagnostics(self, raw: bytes) -> None:
         own_namespace, live = self.get_namespace().strip("/"), self.core.screen.live
+        signature = self.core.signature
+        genuine = signature is None or signature.is_genuine(raw)
         for status in self._deserialize(topics.DIAGNOSTICS, raw).status:
             namespace, _, name = status.name.rpartition("/")
             if namespace.strip("/") == own_namespace:
+                if not genuine and name in topics.BY_NAME[topics.DIAGNOSTICS].source:
+                    self.core.forged += 1
+                    continue
                 level = int.from_bytes(status.level, "little")
                 facts = {pair.key: pair.value for pair in status.values}
                 live.take_status(name, level, status.message, facts)
@@ -534,6 +557,14 @@ class LiveViewNode(ManagedNode[View, None]):
         self.tick = max(0, live.now_ns - self.start_ns) // self.rate.tick_ns
         if commander is not None:
             core.facts["commands"] = commander.obeyed
+        for refusal, count in list(core.page.refused.items()):
+            key = f"refused.{refusal}"
+            if key not in core.facts:
+                live.tell(1, NODE_NAME, f"refused: {refusal}")
+                self.get_logger().warning(f"refused: {refusal}")
+            core.facts[key] = count
+        if ignored := core.forged + sum(owner.ignored for owner in core.owners.values()):
+            core.facts["ignored"] = ignored
         self._say_what_is_shown()
         if core.foxglove is not None and core.last_reference:
             # Sent once per change: a client that comes later would never see it.

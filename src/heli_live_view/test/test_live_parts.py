@@ -47,6 +47,13 @@ class TestToken:
         assert gate.refusal("token", "owner", 2.0) == ""
         assert gate.refusal("guess", "b", 32.0) == access.WRONG
 
+    def test_who_guesses_keeps_nobody_out_who_knows_it(self):
+        gate = Access("token")
+        for _ in range(100):
+            gate.refusal("guess", "b", 1.0)
+        assert gate.refusal("guess", "b", 1.0) == access.SLOW_DOWN
+        assert gate.refusal("token", "owner", 1.0) == ""
+
 
 def normal(q_wxyz):
     return quat_to_R_nb(np.asarray(q_wxyz)) @ [0.0, 0.0, 1.0]
