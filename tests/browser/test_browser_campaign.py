@@ -23,6 +23,7 @@ def rows(spec):
     rng = np.random.default_rng(1)
     for number, values in enumerate(spec.inputs):
         row = {"flight": number, "seed": number + 1, "cause": "flown", "sentence": ""}
+        row["coverage"] = 1.0
         row |= {f"in.{key}": value for key, value in zip(spec.names, values, strict=True)}
         parts = rng.lognormal(-1.2, 0.4, 6) * values[0]
         row["exit_code"] = int(parts.max() > 1.0)

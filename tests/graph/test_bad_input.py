@@ -20,10 +20,10 @@ def section(node, text):
 def test_a_gamma_that_only_the_node_finds_infeasible(hover_test, tmp_path):
     """The nodes are up already; a command of its own ends them, and says what the node said."""
     path = tmp_path / "bad.yaml"
-    path.write_text(section("inner_loop", "gamma: 0.03"))
+    path.write_text(section("inner_loop", "output: {gamma: 0.5}"))
     done = hover_test("--out", tmp_path / "flight", "--params", path)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-    for word in ("gamma", "0.03", "0.051"):
+    for word in ("output.gamma", "0.5", "3.75"):
         assert word in done.stderr
     assert not (tmp_path / "flight").exists()
 

@@ -61,27 +61,27 @@ def set_parameters(call, **values):
 
 
 def get_gamma(call):
-    request = GetParameters.Request(names=["gamma"])
+    request = GetParameters.Request(names=["output.gamma"])
     return call(GetParameters, "get_parameters", request).values[0].double_value
 
 
 def test_changes_are_judged_and_refused_in_the_librarys_words(inner_loop):
-    refused = set_parameters(inner_loop, gamma=0.03)
+    refused = set_parameters(inner_loop, output__gamma=0.5)
     assert not refused.successful
     with pytest.raises(SynthesisError) as caught:
-        AttitudeConfig.from_parameters(resolve().nodes["inner_loop"] | {"gamma": 0.03})
+        AttitudeConfig.from_parameters(resolve().nodes["inner_loop"] | {"output.gamma": 0.5})
     assert refused.reason == " ".join(str(caught.value).split())
-    assert get_gamma(inner_loop) == 0.0632
+    assert get_gamma(inner_loop) == 4.3
 
     short = set_parameters(inner_loop, D11=[12.0, 11.0, 31.0])
     assert not short.successful
     assert "D11" in short.reason and "9" in short.reason
-    assert not set_parameters(inner_loop, gamma=float("nan")).successful
+    assert not set_parameters(inner_loop, output__gamma=float("nan")).successful
     assert not set_parameters(inner_loop, lockstep=False).successful
-    assert get_gamma(inner_loop) == 0.0632
+    assert get_gamma(inner_loop) == 4.3
 
-    assert set_parameters(inner_loop, gamma=0.07).successful
-    assert get_gamma(inner_loop) == 0.07
+    assert set_parameters(inner_loop, output__gamma=5.0).successful
+    assert get_gamma(inner_loop) == 5.0
     assert set_parameters(inner_loop, controller="pid").successful
     unknown = set_parameters(inner_loop, controller="fuzzy")
     assert "fuzzy" in unknown.reason and "hinf" in unknown.reason

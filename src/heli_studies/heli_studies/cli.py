@@ -1034,7 +1034,7 @@ def add_to(app: typer.Typer) -> None:
     campaigns.command("report", epilog=REPORT_EPILOG)(campaign_report)
     campaigns.command(epilog=RARE_EPILOG)(rare)
     campaigns.command(epilog=WORST_EPILOG)(worst)
-    app.command(epilog=DESIGN_EPILOG)(design)
+    app.command(cls=CommandWithRenamed, epilog=DESIGN_EPILOG)(design)
     app.command(epilog=IDENTIFY_EPILOG)(identify)
     app.command(cls=CommandWithRenamed, epilog=ROBUST_EPILOG)(robust)
     app.command(epilog=SCORE_EPILOG)(score)

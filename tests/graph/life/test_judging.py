@@ -31,6 +31,9 @@ class Held:
             self._free.release()
 
 
+GAMMA = "output.gamma"
+
+
 @pytest.fixture
 def held(monkeypatch):
     """Hold syntheses up from the call on."""
@@ -48,7 +51,10 @@ def ask(crew, kind=SetParameters, **values):
     service = {SetParameters: "set_parameters"}.get(kind, "set_parameters_atomically")
     client = crew.client.create_client(kind, f"/inner_loop/{service}")
     crew.spin_until(client.service_is_ready)
-    rows = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    rows = [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
     return client.call_async(kind.Request(parameters=rows))
 
 
@@ -60,23 +66,23 @@ def test_the_flight_goes_on_while_a_law_is_judged(crew, held, lockstep):
     one.fly(30)
     inner, synthesis = one.nodes["inner_loop"], held()
     flown = inner.core.design.config
-    for gamma, accepted in ((0.08, True), (0.03, False)):
+    for gamma, accepted in ((5.0, True), (0.5, False)):
         before, begun = inner.core.design.config, synthesis.begun
-        answer = ask(one, gamma=gamma)
+        answer = ask(one, output__gamma=gamma)
         one.spin_until(lambda begun=begun: synthesis.begun > begun)
         assert synthesis.thread is not threading.current_thread()
         flown_tick = inner.core.flown_tick
         one.spin_until(lambda tick=flown_tick: inner.core.flown_tick >= tick + 30)
         assert not answer.done()
-        assert inner.core.design.config is before and inner.values["gamma"] != gamma
+        assert inner.core.design.config is before and inner.values[GAMMA] != gamma
         synthesis.let_go()
         one.spin_until(answer.done)
         (result,) = answer.result().results
         assert result.successful == accepted and ("infeasible" in result.reason) == (not accepted)
         one.fly(5)
         assert (inner.core.design.config is not before) == accepted
-    assert inner.core.design.config.gamma == inner.values["gamma"] == 0.08 != flown.gamma
-    assert inner.get_parameter("gamma").value == 0.08
+    assert inner.core.design.config.output.gamma == inner.values[GAMMA] == 5.0 != flown.output.gamma
+    assert inner.get_parameter(GAMMA).value == 5.0
 
 
 def test_orders_are_carried_out_one_after_the_other(crew, held):
@@ -84,8 +90,8 @@ def test_orders_are_carried_out_one_after_the_other(crew, held):
     one = crew("inner_loop")
     assert one.change("inner_loop", 1)
     synthesis = held()
-    first = ask(one, SetParametersAtomically, gamma=0.08, controller="lqr")
-    second, third = ask(one, gamma=0.03, controller="hinf"), ask(one, gamma=0.09)
+    first = ask(one, SetParametersAtomically, gamma=0.08, controller="hinf")
+    second, third = ask(one, gamma=0.03, controller="lqr"), ask(one, gamma=0.09)
     one.spin_until(lambda: synthesis.begun)
     synthesis.let_go()
     one.spin_until(first.done)
@@ -95,7 +101,7 @@ def test_orders_are_carried_out_one_after_the_other(crew, held):
     assert [result.successful for result in second.result().results] == [False, True]
     assert third.result().results[0].successful
     node = one.nodes["inner_loop"]
-    assert node.values["gamma"] == 0.09 and node.values["controller"] == "hinf"
+    assert node.values["gamma"] == 0.09 and node.values["controller"] == "lqr"
     assert synthesis.begun == 4
 
 
@@ -105,28 +111,28 @@ def test_a_node_that_has_changed_meanwhile_judges_again(crew, held):
     node = one.nodes["inner_loop"]
     assert one.change("inner_loop", 1)
     synthesis = held()
-    answer = ask(one, gamma=0.08)
+    answer = ask(one, output__gamma=5.0)
     one.spin_until(lambda: synthesis.begun)
     assert one.change("inner_loop", CLEANUP)
     synthesis.let_go(2)
     one.spin_until(answer.done)
-    assert answer.result().results[0].successful and node.values["gamma"] == 0.08
+    assert answer.result().results[0].successful and node.values[GAMMA] == 5.0
     synthesis.let_go()
-    assert one.change("inner_loop", 1) and node.core.design.config.gamma == 0.08
+    assert one.change("inner_loop", 1) and node.core.design.config.output.gamma == 5.0
 
 
 def test_an_infeasible_law_is_refused_in_every_state_and_the_node_lives(crew):
     """By `param set` before configuration; from a file at configuration, until it is mended."""
     one = crew("inner_loop")
     node = one.nodes["inner_loop"]
-    packaged = node.values["gamma"]
-    (refused,) = one.set("inner_loop", gamma=0.03)
+    packaged = node.values[GAMMA]
+    (refused,) = one.set("inner_loop", output__gamma=0.5)
     assert not refused.successful and "infeasible" in refused.reason
-    assert node.values["gamma"] == node.get_parameter("gamma").value == packaged
+    assert node.values[GAMMA] == node.get_parameter(GAMMA).value == packaged
     assert one.change("inner_loop", 1) and one.change("inner_loop", CLEANUP)
     one.leave("inner_loop")
-    one = crew("inner_loop", gamma=0.03)
+    one = crew("inner_loop", output__gamma=0.5)
     node = one.nodes["inner_loop"]
     assert not one.change("inner_loop", 1) and "infeasible" in node.failure
-    assert one.set("inner_loop", gamma=0.08)[0].successful
-    assert one.change("inner_loop", 1) and node.core.design.config.gamma == 0.08
+    assert one.set("inner_loop", output__gamma=5.0)[0].successful
+    assert one.change("inner_loop", 1) and node.core.design.config.output.gamma == 5.0
