@@ -25,7 +25,12 @@ from heli_core.ticks import seconds
 from heli_flight import interrupts
 from heli_flight.flight_file import NAME, NO_PROCESSES, read_faults, write_parameters
 from heli_flight.graph.live import LiveOrder, LiveView, live_view
-from heli_flight.graph.processes import check_middleware, start_server
+from heli_flight.graph.processes import (
+    SHARED_MEMORY,
+    check_middleware,
+    has_shared_memory,
+    start_server,
+)
 from heli_flight.parts import Parts
 from heli_flight.record import FlightRecord, write_record
 from heli_flight.replay import serve_after
@@ -79,14 +84,17 @@ NODES_COMPILE = (
 )
 
 
-def tell_if_nodes_compile(say: Console) -> None:
-    """Say so if a flight through the graph has to compile its nodes first: with another HOME than
-    set-up's, or changed sources."""
+def tell_what_slows_nodes(say: Console) -> None:
+    """Say so if a flight through the graph has to compile its nodes first (with another HOME than
+    set-up's, or changed sources), or if they have no shared memory."""
     from heli_dynamics_sim.plant import advance
     from heli_observer.observer import step
 
     if not (is_compiled(advance) and is_compiled(step)):
         say.print(NODES_COMPILE, highlight=False, soft_wrap=True, markup=False)
+    if not has_shared_memory():
+        words = f"{SHARED_MEMORY} cannot be written to: messages go over UDP, which takes longer"
+        say.print(words, highlight=False, soft_wrap=True, markup=False)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -461,7 +469,7 @@ def _flown_together(
         write_parameters(aircraft_settings, folder.path / name / NAME)
     check_middleware()
     start_server()
-    tell_if_nodes_compile(out)
+    tell_what_slows_nodes(out)
     from heli_flight.graph.flight import fly_several
 
     interrupts.check()
@@ -494,7 +502,7 @@ def _flown(
         return fly_one_process(settings, out)
     check_middleware()
     start_server()
-    tell_if_nodes_compile(out)
+    tell_what_slows_nodes(out)
     from heli_flight.graph.flight import fly_graph
 
     interrupts.check()

@@ -70,8 +70,8 @@ def test_python_says_it_unless_it_is_quiet(cold, capsys):
 def test_a_flight_through_the_graph_says_that_its_nodes_are_compiled(cold):
     lines = []
     out = SimpleNamespace(print=lambda line, **how: lines.append(line))
-    compiles.tell_if_nodes_compile(out)
+    compiles.tell_what_slows_nodes(out)
     assert lines == []
     cold()
-    compiles.tell_if_nodes_compile(out)
+    compiles.tell_what_slows_nodes(out)
     assert lines == [compiles.NODES_COMPILE]

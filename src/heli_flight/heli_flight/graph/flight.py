@@ -36,6 +36,7 @@ from heli_flight.graph.processes import (
     DOMAIN,
     NodeProcess,
     domain_reserved,
+    end_tracer,
     others_in,
     stop,
     why_ended,
@@ -576,6 +577,7 @@ class Graph:
         Fast DDS announces a participant at once only to the first few of a machine; who comes
         later is heard after 3 s. The supervisor must hear all.
         """
+        end_tracer()
         try:
             if not rclpy.ok():
                 self._began_ros = True

@@ -19,9 +19,9 @@ from std_srvs.srv import Trigger
 from heli_core.command_line import config_folder
 from heli_core.errors import BrokenFlightError, StartError
 from heli_core.faults import NONE, flow_mapping
-from heli_core.folders import temporary_folder
+from heli_core.folders import temporary_folder, write_whole
 from heli_flight import interrupts
-from heli_flight.graph.processes import DISCOVERY, check_middleware
+from heli_flight.graph.processes import DISCOVERY, check_middleware, end_tracer, has_shared_memory
 from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_outer_pd.joystick import Device, DeviceError, Reading
 
@@ -199,8 +199,18 @@ def prepare_environment() -> None:
         # Peers that the user names may be on other machines.
         alone = alone and not os.environ.get("ROS_STATIC_PEERS", "").strip()
         name = "fastdds_this_machine.xml" if alone else "fastdds.xml"
-        profiles = str(config_folder("heli_flight") / name)
-        os.environ.update(dict.fromkeys(PROFILES, profiles))
+        profiles = config_folder("heli_flight") / name
+        if not has_shared_memory():
+            profiles = _without_log(profiles)
+        os.environ.update(dict.fromkeys(PROFILES, str(profiles)))
+
+
+def _without_log(profiles: Path) -> Path:
+    """A copy with which Fast DDS does not complain that it has no shared memory, and uses UDP."""
+    silent = "<log><use_default>FALSE</use_default></log>\n  <profiles>"
+    quiet = temporary_folder("fastdds") / profiles.name
+    write_whole(quiet, profiles.read_text().replace("<profiles>", silent, 1))
+    return quiet
 
 
 @contextlib.contextmanager
@@ -214,6 +224,7 @@ def ros_node(name: str) -> Iterator[Node]:
     """
     prepare_environment()
     check_middleware()
+    end_tracer()
     try:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         node = Node(f"{name}_{os.getpid()}", enable_rosout=False, start_parameter_services=False)

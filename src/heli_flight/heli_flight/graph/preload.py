@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every node of a flight needs, loaded once in the process that they are forked from.
 
-Imports only, and compiled kernels: no ROS context exists here, and no thread is started. What is
+Imports only, and compiled kernels: no ROS context exists here, and no thread stays. What is
 loaded here a node need not load that is started again in flight.
 """
 
@@ -19,6 +19,7 @@ import heli_dynamics_sim.node  # noqa: F401
 import heli_inner_hinf.node  # noqa: F401
 import heli_observer.node  # noqa: F401
 import heli_outer_pd.node  # noqa: F401
+from heli_flight.graph.processes import end_tracer
 from heli_flight.graph.warm_up import load_kernels
 from heli_msgs_bridge import topics
 
@@ -37,6 +38,7 @@ def _load_types() -> None:
 
 
 _load_types()
+end_tracer()
 # A bad default parameter is the node's to report, in its own words.
 with contextlib.suppress(Exception):
     load_kernels()

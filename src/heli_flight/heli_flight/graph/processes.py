@@ -44,6 +44,12 @@ _UDP_SOCKETS = Path("/proc/net/udp")
 # all systems take (108 bytes with the final zero on Linux, 104 on others).
 _SOCKET_IN_FOLDER, _LONGEST_SOCKET = "/pymp-xxxxxxxx/listener-xxxxxxxx", 103
 _SHORT_FOLDERS = ("/tmp", "/dev/shm", "/var/tmp")
+SHARED_MEMORY = Path("/dev/shm")
+"""Where POSIX shared memory lies (shm_overview(7))."""
+_SHARED_MEMORY_BYTES = 8 * 2**20
+"""The seven participants of a flight with its live view have 4.6 MB there."""
+_TRACER = "/liblttng-ust-"
+_TRACEPOINTS = "/liblttng-ust-tracepoint-"
 
 
 def die_with_parent(parent: str) -> None:
@@ -207,7 +213,7 @@ class NodeProcess:
             # One that has just begun leads no group yet.
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 end(self.pid, signal.SIGKILL)
-        self._process.join()
+        self._process.join(_STOP_LIMIT_S)
 
 
 def why_ended(process: NodeProcess, nodes: Sequence[str]) -> str:
@@ -233,11 +239,34 @@ def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> li
     return killed
 
 
+def end_tracer() -> None:
+    """End the threads of LTTng's tracer (lttng-ust), which rclpy's wheels bring along.
+
+    Where its page of shared memory cannot be had, they fork every few seconds, and wait for
+    whichever child ends first (`get_wait_shm` in lttng-ust 2.12): the end of a node that is a fork
+    of this process, too, of which then nobody else hears. Forks of this process have no such
+    threads. Call it when rclpy is imported. Tracing of this process ends with it.
+    """
+    try:
+        lines = Path("/proc/self/maps").read_text().splitlines()
+    except OSError:
+        return
+    paths = {line.split(maxsplit=5)[-1] for line in lines if _TRACER in line}
+    for path in sorted(path for path in paths if _TRACEPOINTS not in path):
+        ctypes.CDLL(path).lttng_ust_exit()
+
+
+def has_shared_memory() -> bool:
+    """Whether there is shared memory that this user can write to; Fast DDS uses UDP else."""
+    return os.access(SHARED_MEMORY, os.W_OK | os.X_OK)
+
+
 def check_middleware() -> None:
     """Raise StartError for an environment in which rcl or Fast DDS would end the whole process.
 
     The library that RMW_IMPLEMENTATION names must be there; ROS_DOMAIN_ID must leave room for port
-    numbers; nodes must be able to find each other.
+    numbers; nodes must be able to find each other; shared memory must have room: Fast DDS takes it
+    without asking, and is ended by the kernel (SIGBUS) where there is none.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
     if domain and not (domain.isdecimal() and int(domain) <= _MAX_DOMAIN):
@@ -245,6 +274,7 @@ def check_middleware() -> None:
             f"ROS 2 cannot start with ROS_DOMAIN_ID={domain}: allowed are 0 to {_MAX_DOMAIN}"
         )
     _check_range()
+    _check_shared_memory()
     name = os.environ.get("RMW_IMPLEMENTATION")
     if not name:
         return
@@ -254,6 +284,20 @@ def check_middleware() -> None:
         raise StartError(
             f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed"
         ) from None
+
+
+def _check_shared_memory() -> None:
+    """Raise StartError if it is full."""
+    if not has_shared_memory():
+        return
+    status = os.statvfs(SHARED_MEMORY)
+    free = status.f_bavail * status.f_frsize
+    if free < _SHARED_MEMORY_BYTES:
+        raise StartError(
+            f"{SHARED_MEMORY}, the machine's shared memory, has {free / 2**20:.1f} MB free, and a "
+            f"flight needs {_SHARED_MEMORY_BYTES / 2**20:.0f} MB; remove what is left there, or "
+            "make it larger (a container's: --shm-size)"
+        )
 
 
 def _check_range() -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from heli_core.errors import FlightError
-from heli_flight.graph.processes import NodeProcess, stop
+from heli_flight.graph.processes import SHARED_MEMORY, NodeProcess, stop
 from heli_flight.graph.supervisor import NodeStatus, Supervisor
 from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.handover import FOLDER, note_restart
@@ -208,7 +208,6 @@ def _steps(status: NodeStatus) -> bool:
 # takes them over.
 # -------------------------------------------------------------------------------------------------
 
-SHARED_MEMORY = Path("/dev/shm")
 _LOCK = re.compile(r"(fastrtps_[0-9a-f]{16})_el")
 # Who is about to begin has its file before its lock.
 _YOUNG_S = 2.0
