@@ -14,7 +14,7 @@ import aiohttp
 import pytest
 
 from heli_core.command_line import executable
-from heli_live_view.server import Refusal
+from heli_live_view.server import RequestRefusal
 from support.live_watcher import read_until, watching
 
 SECONDS, LIMIT_S = 100, 400.0
@@ -147,7 +147,7 @@ def test_a_flight_in_lockstep_is_the_same_to_the_last_bit(tmp_path, ros_env, liv
             flights.append(fly(tmp_path / "attacked", ros_env, *words))
 
         url, token = printed["live view"], printed["command token"]
-        wanted = set(Refusal) - {Refusal.FLOODS}
+        wanted = set(RequestRefusal) - {RequestRefusal.FLOODS}
         answers = asyncio.run(attacked(url, token, begin, wanted))
         output, _ = flights[0].communicate(timeout=LIMIT_S)
         assert flights[0].returncode == 0, output

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """House rules for files: licence header, no machine paths, sizes; YAML and launch files hold."""
 
+import ast
 import importlib
 import re
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -73,6 +75,17 @@ def test_no_path_of_a_machine():
 def test_test_files_have_names_of_their_own():
     names = [path.name for path in code_files() if path.name.startswith("test_")]
     assert {name for name in names if names.count(name) > 1} == set()
+
+
+def test_no_two_classes_of_the_product_have_one_name():
+    files = [path for path in (ROOT / "src").rglob("*.py") if "test" not in path.parts]
+    names = Counter(
+        node.name
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 @pytest.mark.parametrize("node", TABLES)

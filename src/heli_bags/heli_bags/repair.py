@@ -130,7 +130,7 @@ def _refuse_large(error: Exception) -> None:
         raise error
 
 
-class _Mcap:
+class _McapRepair:
     """Reads one MCAP file record by record."""
 
     def __init__(self, path: Path, state: State) -> None:
@@ -230,7 +230,7 @@ class _Mcap:
         self.state.lost_bytes = end - at
 
 
-class _Sqlite:
+class _SqliteRepair:
     """Reads a copy of one SQLite file."""
 
     def __init__(self, path: Path, state: State) -> None:
@@ -342,7 +342,10 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
     BagError
         The file is neither, or cannot be read at all.
     """
-    readers: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
+    readers: dict[str, type[_McapRepair | _SqliteRepair]] = {
+        ".mcap": _McapRepair,
+        ".db3": _SqliteRepair,
+    }
     reader = readers.get(storage_of(path))
     if reader is None:
         raise BagError(f"{path}: neither an .mcap nor a .db3 file", BagCause.NO_BAG)
@@ -368,7 +371,7 @@ def _plain(path: Path) -> Iterator[tuple[Path, bool]]:
         yield plain, is_whole
 
 
-def _salvaged(reader: _Mcap | _Sqlite, state: State) -> Iterator[Message]:
+def _salvaged(reader: _McapRepair | _SqliteRepair, state: State) -> Iterator[Message]:
     """Messages with a time that can be one, and plain bytes."""
     for channel, stamp_ns, raw in reader.messages():
         if not (isinstance(stamp_ns, int) and 0 <= stamp_ns <= _MOST_NS):

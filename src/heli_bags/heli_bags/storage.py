@@ -354,8 +354,8 @@ def check_database(database: apsw.Connection | sqlite3.Connection) -> None:
     """
     for query in _STRANGE:
         with contextlib.suppress(sqlite3.DatabaseError, apsw.Error):
-            found = cast("tuple[int]", database.execute(query).fetchone())
-            if found[0]:
+            row = cast("tuple[int]", database.execute(query).fetchone())
+            if row[0]:
                 problem = "it holds views, computed columns or a topic twice: no bag of rosbag2"
                 raise FileError(FileCause.SYNTAX, problem)
 

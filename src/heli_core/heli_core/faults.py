@@ -35,7 +35,7 @@ PAST_S = 1.0
 # -------------------------------------------------------------------------------------------------
 
 
-class Kind(NamedTuple):
+class FaultKind(NamedTuple):
     """How something fails, and the numbers that this takes.
 
     `per_axis`: one number for each axis of what fails, else a single one. `upper` below `lower`:
@@ -64,30 +64,30 @@ class Kind(NamedTuple):
         return f"a number in {left}{self.lower:g}, {self.upper:g}]{meaning}"
 
 
-_ALONE = Kind()
+_ALONE = FaultKind()
 
 
-def _per_axis(meaning: str = "") -> Kind:
-    return Kind(-LARGEST, LARGEST, meaning, open_lower=False, per_axis=True)
+def _per_axis(meaning: str = "") -> FaultKind:
+    return FaultKind(-LARGEST, LARGEST, meaning, open_lower=False, per_axis=True)
 
 
-KINDS: dict[str, Kind] = {
-    "loss": Kind(0.0, 1.0, "share that is lost", optional=True, example=1.0),
+KINDS: dict[str, FaultKind] = {
+    "loss": FaultKind(0.0, 1.0, "share that is lost", optional=True, example=1.0),
     "freeze": _ALONE,
     "zero": _ALONE,
     "nan": _ALONE,
     "bias": _per_axis(),
     "drift": _per_axis("per second"),
     "jump": _per_axis("with a sign that each sample draws anew"),
-    "noise": Kind(1.0, 1e4, "times the noise", example=5.0),
-    "delay": Kind(0.0, PAST_S, "s", example=0.2),
+    "noise": FaultKind(1.0, 1e4, "times the noise", example=5.0),
+    "delay": FaultKind(0.0, PAST_S, "s", example=0.2),
     "duplicate": _ALONE,
     "reorder": _ALONE,
-    "stuck": Kind(-1.0, 1.0, "command; none: the last one", optional=True, open_lower=False),
-    "offset": Kind(-2.0, 2.0, "added to the command", open_lower=False, example=0.1),
-    "slow": Kind(0.0, 1e3, "largest change per second", example=0.5),
-    "dead_zone": Kind(0.0, 2.0, "smaller changes do nothing", example=0.05),
-    "runaway": Kind(-1e3, 1e3, "per second, to the end stop", open_lower=False, example=0.1),
+    "stuck": FaultKind(-1.0, 1.0, "command; none: the last one", optional=True, open_lower=False),
+    "offset": FaultKind(-2.0, 2.0, "added to the command", open_lower=False, example=0.1),
+    "slow": FaultKind(0.0, 1e3, "largest change per second", example=0.5),
+    "dead_zone": FaultKind(0.0, 2.0, "smaller changes do nothing", example=0.05),
+    "runaway": FaultKind(-1e3, 1e3, "per second, to the end stop", open_lower=False, example=0.1),
     "gust": _per_axis(),
     "stop": _ALONE,
 }
@@ -143,7 +143,7 @@ def forms() -> dict[str, dict[str, dict[str, Any]]]:
     }
 
 
-def _form(place: Place, kind: Kind) -> dict[str, Any]:
+def _form(place: Place, kind: FaultKind) -> dict[str, Any]:
     example, unit = [kind.example] if kind.takes_numbers else [], kind.meaning
     if kind.per_axis:
         example = [place.example] + [0.0] * (place.axes - 1)
@@ -368,7 +368,7 @@ class FaultEntry:
         """How long it lasts, s; infinite where nothing is said."""
         return self.number("duration_s", LONGEST_S) if "duration_s" in self else math.inf
 
-    def numbers(self, axes: int, kind: Kind, name: str) -> tuple[float, ...]:
+    def numbers(self, axes: int, kind: FaultKind, name: str) -> tuple[float, ...]:
         """The numbers of a fault, as many as its kind and place want; `name` names both."""
         if not kind.takes_numbers:
             if "value" in self:

@@ -209,8 +209,8 @@ def compose_yaml(text: str, path: object = "") -> yaml.Node | None:
         return yaml.compose(text, Loader=_LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        told = (getattr(error, "context", None), getattr(error, "problem", None))
-        problem = ", ".join(filter(None, told)) or str(error).splitlines()[0]
+        parts = (getattr(error, "context", None), getattr(error, "problem", None))
+        problem = ", ".join(filter(None, parts)) or str(error).splitlines()[0]
         sentence = f"not valid YAML: {problem}"
         line = 0 if mark is None else mark.line + 1
         raise FileError(FileCause.SYNTAX, sentence, path, line) from error
@@ -329,15 +329,15 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _arrays(members: zipfile.ZipFile, file_size: int, path: object) -> dict[str, np.ndarray]:
-    found = members.infolist()
-    if len(found) > _MOST_ARRAYS:
-        problem = f"holds {len(found)} arrays; allowed: {_MOST_ARRAYS}"
+    infos = members.infolist()
+    if len(infos) > _MOST_ARRAYS:
+        problem = f"holds {len(infos)} arrays; allowed: {_MOST_ARRAYS}"
         raise FileError(FileCause.TOO_MANY, problem, path)
-    whole = sum(member.file_size for member in found)
+    whole = sum(member.file_size for member in infos)
     if whole > file_size:
         within_budget(whole, "arrays", path)
     arrays = {}
-    for member in found:
+    for member in infos:
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise ValueError("an array is compressed in another way than numpy does")
         with members.open(member) as stream:

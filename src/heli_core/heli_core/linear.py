@@ -34,7 +34,7 @@ class Delayed(NamedTuple):
     older: Matrix
 
 
-class Observer(NamedTuple):
+class ReducedOrderMatrices(NamedTuple):
     """z' = A z + B y + H u, x_u = z + K y: the matrices A', B', H' of eq. (19)."""
 
     A: Matrix
@@ -137,7 +137,7 @@ def with_servos(
 
 def reduced_order_observer(
     A: Matrix, B: Matrix, K: Matrix, measured: tuple[int, ...], unmeasured: tuple[int, ...]
-) -> Observer:
+) -> ReducedOrderMatrices:
     """The reduced-order observer of eq. (19).
 
     Its error obeys e' = A' e exactly, whatever y and u do.
@@ -152,7 +152,7 @@ def reduced_order_observer(
     """
     m, u = list(measured), list(unmeasured)
     A_prime = A[np.ix_(u, u)] - K @ A[np.ix_(m, u)]
-    return Observer(
+    return ReducedOrderMatrices(
         A=A_prime,
         B=A[np.ix_(u, m)] - K @ A[np.ix_(m, m)] + A_prime @ K,
         H=B[u] - K @ B[m],

@@ -275,7 +275,7 @@ def add_gusts(tick, k, air):
 # -------------------------------------------------------------------------------------------------
 
 
-class Sensor(NamedTuple):
+class FaultyPlaces(NamedTuple):
     """Where a sensor's numbers are."""
 
     first: int  # place in the measurement row
@@ -290,13 +290,13 @@ _GPS, IMU, IMU2 = MEAS.gps_pos.start, MEAS.imu.start, MEAS.imu2.start
 _LOST = NOISE.fault_lost.start
 
 
-def _sensor(first: int, axes: int, numbers: int, flag: int, lost: int) -> Sensor:
-    return Sensor(first, axes, numbers, flag, _LOST + lost, NOISE.fault.start + first)
+def _sensor(first: int, axes: int, numbers: int, flag: int, lost: int) -> FaultyPlaces:
+    return FaultyPlaces(first, axes, numbers, flag, _LOST + lost, NOISE.fault.start + first)
 
 
-def _second(first: int, axes: int) -> Sensor:
+def _second(first: int, axes: int) -> FaultyPlaces:
     normals = NOISE.fault_imu2.start + first - IMU2
-    return Sensor(first, axes, axes, -1, NOISE.fault_imu2_lost, normals)
+    return FaultyPlaces(first, axes, axes, -1, NOISE.fault_imu2_lost, normals)
 
 
 SECOND = {
@@ -311,7 +311,7 @@ SENSORS = {
     "accel": _sensor(MEAS.force.start, 3, 3, -1, 2),
     "gyro": _sensor(MEAS.rate.start, 3, 3, -1, 2),
     **{
-        name: Sensor(at.first, at.numbers, at.numbers, at.valid, at.lost, at.fault)
+        name: FaultyPlaces(at.first, at.numbers, at.numbers, at.valid, at.lost, at.fault)
         for name, at in PLACES.items()
     },
     **SECOND,

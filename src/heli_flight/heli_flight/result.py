@@ -203,9 +203,9 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
     for label, sources in records.items():
         metrics.setdefault(" and ".join(sources), []).append(label)
     names = "; ".join(f"{', '.join(labels)} ({sources})" for sources, labels in metrics.items())
-    found = [f"outside in {names}"] if names else []
-    found += [] if lacking.is_whole else [f"partial: {lacking.sentence}"]
-    return f"{when}: " + ("; ".join(found) or f"inside {figures_of(settings.scenario.kind)}")
+    reasons = [f"outside in {names}"] if names else []
+    reasons += [] if lacking.is_whole else [f"partial: {lacking.sentence}"]
+    return f"{when}: " + ("; ".join(reasons) or f"inside {figures_of(settings.scenario.kind)}")
 
 
 _LEGEND = ("! outside the paper's figure. ", "! outside the goal. ")

@@ -28,7 +28,7 @@ from heli_core.faults import (
     NONE,
     Fault,
     FaultEntry,
-    Kind,
+    FaultKind,
     entries,
     faults_of,
     flow_mapping,
@@ -813,7 +813,7 @@ PROCESS = "process"
 FAULTY_NODES = ("observer", "inner_loop", "outer_loop", "plant", "recorder")
 KILL, PAUSE, HOG = "kill", "pause", "hog"
 KINDS = (KILL, PAUSE, HOG)
-_HOGS = Kind(1.0, 16.0, "busy processes, a whole number", open_lower=False)
+_HOGS = FaultKind(1.0, 16.0, "busy processes, a whole number", open_lower=False)
 _KEYS = ("what", "node", "kind", "start_s", "duration_s", "value")
 
 
@@ -1167,9 +1167,9 @@ def _unread(
     ones = inner_table.unread(inner["controller"], stated_names)
     if not ones:
         return []
-    own = config_folder(node.package) / f"{node.name}.yaml"
+    defaults = config_folder(node.package) / f"{node.name}.yaml"
     packaged = load(
-        node.table, [read(config_folder("heli_core") / "common.yaml"), read(own)], node.name
+        node.table, [read(config_folder("heli_core") / "common.yaml"), read(defaults)], node.name
     )
     return [one for one in ones if not _equal(inner[one.parameter], packaged[one.parameter])]
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from heli_core.linear import (
     WIND,
-    Observer,
+    ReducedOrderMatrices,
     held,
     held_and_linear,
     held_late,
@@ -304,7 +304,7 @@ class DiscreteController(NamedTuple):
     D_r: Matrix
 
 
-def observer_of(A: ArrayLike, B: ArrayLike, K: ArrayLike) -> Observer:
+def observer_of(A: ArrayLike, B: ArrayLike, K: ArrayLike) -> ReducedOrderMatrices:
     """The reduced-order observer (19) of A (9, 9), B (9, 3) with the gain K (3, 6)."""
     A, B, K = checked("A", A, (9, 9)), checked("B", B, (9, 3)), checked("K", K, (3, 6))
     return reduced_order_observer(A, B, K, MEASURED, UNMEASURED)

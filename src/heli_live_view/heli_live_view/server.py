@@ -57,7 +57,7 @@ _REPORT_POLICY = (
 a foreign flight's folder holds can neither read this server nor send anything."""
 
 
-class Refusal(StrEnum):
+class RequestRefusal(StrEnum):
     """What is turned away, and counted: the names are those of /diagnostics."""
 
     CONNECTIONS = "connections over the limit"
@@ -73,13 +73,13 @@ class Refusal(StrEnum):
 class _RequestErrors(logging.Handler):
     """What aiohttp would log of each request that is none: it is counted, and fills no disk."""
 
-    def __init__(self, refused: "Counter[Refusal]") -> None:
+    def __init__(self, refused: "Counter[RequestRefusal]") -> None:
         super().__init__()
         self._refused = refused
 
     def emit(self, record: logging.LogRecord) -> None:
         """Count one."""
-        self._refused[Refusal.REQUESTS] += 1
+        self._refused[RequestRefusal.REQUESTS] += 1
 
 
 _LIVE = "this is a flight, not a replay: there is nothing to wind"
@@ -171,7 +171,7 @@ class PageServer:
     ----------
     url : str
         Where the page is.
-    refused : Counter of Refusal
+    refused : Counter of RequestRefusal
         How often what was turned away.
     came : threading.Event
         Set as soon as a browser has been there.
@@ -195,7 +195,7 @@ class PageServer:
         self.port = self._socket.getsockname()[1]
         self.url = f"http://{LOOPBACK}:{self.port}/"
         self._browsers: set[_Browser] = set()
-        self.refused: Counter[Refusal] = Counter()
+        self.refused: Counter[RequestRefusal] = Counter()
         self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
         self.came = threading.Event()
@@ -286,7 +286,7 @@ class PageServer:
                 continue
             if len(server.connections) >= _MAX_CONNECTIONS:
                 connection.close()
-                self.refused[Refusal.CONNECTIONS] += 1
+                self.refused[RequestRefusal.CONNECTIONS] += 1
                 continue
             with contextlib.suppress(OSError):
                 await self._loop.connect_accepted_socket(server, connection)
@@ -296,7 +296,7 @@ class PageServer:
         """Refuse foreign hosts (DNS rebinding) and put the headers on every answer."""
         host = request.headers.get("Host", "")
         if host.rpartition(":")[0] not in _HOSTS and host not in _HOSTS:
-            self.refused[Refusal.HOSTS] += 1
+            self.refused[RequestRefusal.HOSTS] += 1
             response: web.StreamResponse = web.Response(status=403, text="not served to this host")
         else:
             try:
@@ -331,7 +331,7 @@ class PageServer:
     async def _on_socket(self, request: web.Request) -> web.StreamResponse:
         origin = request.headers.get("Origin")
         if origin is not None and origin != f"http://{request.headers.get('Host', '')}":
-            self.refused[Refusal.ORIGINS] += 1
+            self.refused[RequestRefusal.ORIGINS] += 1
             return web.Response(status=403, text="not served to this origin")
         socket = web.WebSocketResponse(
             heartbeat=_HEARTBEAT_S, compress=False, max_msg_size=_MAX_REQUEST_BYTES
@@ -349,7 +349,7 @@ class PageServer:
                 if message.type == WSMsgType.TEXT:
                     self._take(browser, message.data)
                 else:
-                    self.refused[Refusal.FRAMES] += 1
+                    self.refused[RequestRefusal.FRAMES] += 1
         finally:
             self._browsers.discard(browser)
             sending.cancel()
@@ -376,13 +376,13 @@ class PageServer:
             self._wish(browser, request, reply)
             return
         if not isinstance(request, dict) or kind not in ("auth", "command"):
-            self.refused[Refusal.TEXTS] += 1
+            self.refused[RequestRefusal.TEXTS] += 1
             reply(False, _NOT_JSON)
             return
         now_s = time.monotonic()
         refusal = self._access.refusal(request.get("token"), browser.identity, now_s)
         if refusal:
-            self.refused[Refusal.TOKENS] += 1
+            self.refused[RequestRefusal.TOKENS] += 1
             reply(False, refusal)
         elif request["type"] == "auth":
             reply(True, "commands are allowed in this browser")
@@ -409,11 +409,11 @@ class PageServer:
     ) -> None:
         name, args = request.get("name"), request.get("args", {})
         if not isinstance(name, str) or not isinstance(args, dict):
-            self.refused[Refusal.TEXTS] += 1
+            self.refused[RequestRefusal.TEXTS] += 1
             reply(False, "not understood: expected a name and args")
             return
         if browser.running_commands >= _MAX_COMMANDS:
-            self.refused[Refusal.FLOODS] += 1
+            self.refused[RequestRefusal.FLOODS] += 1
             reply(False, "too many commands at once: wait for the answers")
             return
         browser.running_commands += 1

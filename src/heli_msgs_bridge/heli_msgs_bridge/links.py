@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from heli_core import sensors
 from heli_core.errors import ParameterCause, ParameterError
-from heli_core.faults import LONGEST_S, PAST_S, Fault, FaultEntry, Kind, entries
+from heli_core.faults import LONGEST_S, PAST_S, Fault, FaultEntry, FaultKind, entries
 from heli_core.inbox import NOTHING, WIDTH
 from heli_core.jit import by_reference, njit
 from heli_core.ticks import Rate
@@ -31,8 +31,13 @@ from heli_msgs_bridge.lockstep import Arrived
 # Links.
 # -------------------------------------------------------------------------------------------------
 
-_SHARE = Kind(0.0, 1.0, "share of the messages", optional=True)
-NUMBERS = {"loss": _SHARE, "delay": Kind(0.0, PAST_S, "s"), "reorder": _SHARE, "duplicate": _SHARE}
+_SHARE = FaultKind(0.0, 1.0, "share of the messages", optional=True)
+NUMBERS = {
+    "loss": _SHARE,
+    "delay": FaultKind(0.0, PAST_S, "s"),
+    "reorder": _SHARE,
+    "duplicate": _SHARE,
+}
 KINDS = tuple(NUMBERS)
 """What a link does; a kernel takes the place of its name."""
 _LOSS, _DELAY, _REORDER, _DUPLICATE = range(len(KINDS))

@@ -139,11 +139,11 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
     return about
 
 
-def _wrong(content: Any, told: Mapping[str, type]) -> str:
+def _wrong(content: Any, keys: Mapping[str, type]) -> str:
     """The first key that is missing or of another kind; empty if there is none."""
     if not isinstance(content, dict):
         return "no keys"
-    return next((key for key, kind in told.items() if not isinstance(content.get(key), kind)), "")
+    return next((key for key, kind in keys.items() if not isinstance(content.get(key), kind)), "")
 
 
 def _rows_of(part: Path, columns: list[str] | None = None) -> pa.Table:

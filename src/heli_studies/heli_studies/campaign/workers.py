@@ -138,8 +138,8 @@ class Processes:
         try:
             while waiting or any(worker.numbers for worker in self._workers):
                 self._hand_out(batch, waiting)
-                told = wait([worker.end for worker in self._workers])
-                for worker in [worker for worker in self._workers if worker.end in told]:
+                answering = wait([worker.end for worker in self._workers])
+                for worker in [worker for worker in self._workers if worker.end in answering]:
                     try:
                         answer = worker.end.recv()
                     except (EOFError, OSError):
