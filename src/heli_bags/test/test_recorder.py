@@ -64,7 +64,8 @@ def test_a_sensor_that_is_late_has_gaps_only_where_messages_lack(tmp_path, first
     every = topics.BY_NAME[topics.GPS_FIX].every_ticks
 
     def missing(folder, lost):
-        bag = BagRecorder(folder, order)
+        latency_ns = {topics.GPS_FIX: late_ticks * TICK_NS}
+        bag = BagRecorder(folder, order, latency_ns=latency_ns)
         for tick in range(TICKS):
             for name in order:
                 if name == topics.GPS_FIX and (tick % every or tick in lost):
