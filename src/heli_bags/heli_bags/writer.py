@@ -693,6 +693,11 @@ class BagFolder:
 # When the recorder hears it says nothing: nobody waits for a recorder that lags. Not every stamp is
 # of the flight's time: a pilot's `topic pub` has the wall clock's, zero or anything. Such a message
 # is put where it was heard, and is no sign of a gap.
+#
+# In simulated time the messages of a tick are sent one after another at the same time: "superdense"
+# time (Lee and Zheng, Operational semantics of hybrid systems, HSCC 2005) counts the steps besides.
+# A bag has one number. Each step is a nanosecond of it, so that all readers keep the order, also
+# those (`rosbags`) that put messages of one time in the order of their topics.
 # -------------------------------------------------------------------------------------------------
 
 LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
@@ -700,6 +705,16 @@ LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
 WINDOW_NS = 2 * NS_PER_S
 """A stamp so far ahead of the newest is of another time: each sender's messages come in order. How
 far one is behind says nothing: DDS repeats what a full queue did not take after seconds."""
+
+
+def steps_of(names: Iterable[str]) -> dict[str, int]:
+    """Place of each topic among those of a bag, in the order in which a tick's messages are sent.
+
+    That of a topic which no tick sends is 0.
+    """
+    recorded = set(names)
+    in_order = [name for name in topics.SENDING_ORDER if name in recorded]
+    return dict.fromkeys(recorded, 0) | {name: place for place, name in enumerate(in_order)}
 
 
 def is_stream(name: str) -> bool:
@@ -955,6 +970,7 @@ class BagRecorder:
             channels.append(BagChannel(full, row.type, text, digest, (_qos(row),)))
         self._bag = BagFolder(self.folder, channels, form)
         self._numbers = {name: number for number, name in enumerate(self.rows)}
+        self._steps_ns = steps_of(self.rows)
         self.counts = dict.fromkeys(self.rows, 0)
         self.odd_stamps: dict[str, int] = {}
         self._first: dict[str, int] = {}
@@ -975,7 +991,7 @@ class BagRecorder:
         return self._clock.likely_ns
 
     def write(self, name: str, raw: bytes) -> None:
-        """Write a serialised message, at the flight's time at which it was sent.
+        """Write a serialised message, at the flight's time at which it was sent, and its step.
 
         A message whose stamp is of another time, and that of a foreign topic, which need not carry
         one, get the graph's newest stamp. Nothing is written before the time is known.
@@ -1020,7 +1036,7 @@ class BagRecorder:
             fits = clock.admits(name, sent_ns)
             log_ns = sent_ns if fits else log_ns
         try:
-            self._bag.write(self._numbers[name], max(log_ns, 0), raw)
+            self._bag.write(self._numbers[name], max(log_ns, 0) + self._steps_ns[name], raw)
         except (OSError, sqlite3.Error) as error:
             self._give_up(error)
         self.counts[name] += 1
