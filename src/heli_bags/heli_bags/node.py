@@ -249,7 +249,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             self._complain(error)
 
     def _compare_latency(self, statuses: Sequence[Any]) -> None:
-        """Say if the plant sends its fixes later after their stamps, or sooner, than we are told."""
+        """Say if the plant sends its fixes at another time after their stamps than we are told."""
         plants = {f"{self.get_namespace()}/{name}".strip("/") for name in _FIX.source}
         for status in statuses:
             if status.name.strip("/") not in plants:
@@ -257,9 +257,10 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             told_ns = gps_latency_of({pair.key: pair.value for pair in status.values})
             if told_ns is None or told_ns == self._gps_latency_ns or _LATENCY in self.health.facts:
                 continue
+            told_s, has_s = told_ns / NS_PER_S, self._gps_latency_ns / NS_PER_S
             sentence = (
-                f"{status.name} sends {_FIX.name} {told_ns / NS_PER_S:g} s after its stamp, the bag "
-                f"has it {self._gps_latency_ns / NS_PER_S:g} s after: set {_LATENCY} to {told_ns // TICK_NS}"
+                f"{status.name} sends {_FIX.name} {told_s:g} s after its stamp, the bag has it "
+                f"{has_s:g} s after: set {_LATENCY} to {told_ns // TICK_NS}"
             )
             self.get_logger().warning(sentence)
             self.health.facts[_LATENCY] = sentence
