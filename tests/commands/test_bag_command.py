@@ -99,7 +99,7 @@ def test_echo_is_yaml_and_json(capsys, flight):
     lines = done(capsys, "bag", "echo", flight, "/actuators", "--json").splitlines()
     assert len(lines) == TICKS
     last = json.loads(lines[-1])
-    assert last["stamp_ns"] == 10**9 + (TICKS - 1) * TICK_NS
+    assert last["stamp_ns"] // TICK_NS == 100 + TICKS - 1
     assert last["position"] == [TICKS - 1.0, TICKS, TICKS + 1.0, TICKS + 2.0]
 
 
@@ -109,7 +109,7 @@ def test_csv_holds_every_field(capsys, flight, tmp_path):
     with open(tmp_path / "tables" / "ground_truth__wind.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == TICKS
-    assert rows[7]["stamp_ns"] == str(10**9 + 7 * TICK_NS)
+    assert int(rows[7]["stamp_ns"]) // TICK_NS == 100 + 7
     # North, east, down in the core; east, north, up on the topic.
     assert [float(rows[7][f"vector.{axis}"]) for axis in "xyz"] == [8.0, 7.0, -9.0]
     with open(tmp_path / "tables" / "chat.csv", newline="") as stream:

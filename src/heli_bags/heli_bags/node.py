@@ -12,9 +12,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from heli_bags.parameters import NODE_NAME, TABLE
-from heli_bags.writer import BagError, BagRecorder, Format, custom_data, row_of
+from heli_bags.writer import LATE, BagError, BagRecorder, Format, custom_data, row_of
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level, NodeState
+from heli_msgs_bridge.diagnostics import Level, NodeState, gps_latency_of
 from heli_msgs_bridge.handover import Restarts
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.node_process import run
@@ -43,6 +44,7 @@ _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 _UNHEARD_S = 6.0
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
+_FIX, _LATENCY = topics.BY_NAME[topics.GPS_FIX], "schedule.gps_latency_ticks"
 _DIAGNOSTIC_SENDERS, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
@@ -108,6 +110,11 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         super().__init__(values, **options)
         self._folders: list[str] = []
 
+    @property
+    def _gps_latency_ns(self) -> int:
+        """From a fix's stamp to its sending, by the parameters."""
+        return self.rate.of(self.values[_LATENCY]) * self.rate.tick_ns
+
     def _next_folder(self) -> str:
         """Where to write; a bag of its own each time that this node is configured."""
         named = self.values["bag"]
@@ -131,7 +138,8 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
                 custom_data(values["custom_data"]),
             )
             names, space = self._chosen(), self.get_namespace()
-            bag = BagRecorder(folder, names, space, form, self.start_ns, self.rate)
+            latency_ns = dict.fromkeys(LATE, self._gps_latency_ns)
+            bag = BagRecorder(folder, names, space, form, self.start_ns, self.rate, latency_ns)
         except BagError as error:
             raise NodeStartError(str(error)) from error
         self._folders.append(folder)
@@ -234,10 +242,28 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
                 [status.name for status in diagnostics.status], number
             ):
                 self._name_strangers()
+            self._compare_latency(diagnostics.status)
         try:
             core.bag.write(name, unsigned(raw) if name in topics.BY_NAME else raw)
         except BagError as error:
             self._complain(error)
+
+    def _compare_latency(self, statuses: Sequence[Any]) -> None:
+        """Say if the plant sends its fixes at another time after their stamps than we are told."""
+        plants = {f"{self.get_namespace()}/{name}".strip("/") for name in _FIX.source}
+        for status in statuses:
+            if status.name.strip("/") not in plants:
+                continue
+            told_ns = gps_latency_of({pair.key: pair.value for pair in status.values})
+            if told_ns is None or told_ns == self._gps_latency_ns or _LATENCY in self.health.facts:
+                continue
+            told_s, has_s = told_ns / NS_PER_S, self._gps_latency_ns / NS_PER_S
+            sentence = (
+                f"{status.name} sends {_FIX.name} {told_s:g} s after its stamp, the bag has it "
+                f"{has_s:g} s after: set {_LATENCY} to {told_ns // TICK_NS}"
+            )
+            self.get_logger().warning(sentence)
+            self.health.facts[_LATENCY] = sentence
 
     def _name_senders(self, name: str, owner: PublisherLock) -> None:
         """Say whose messages of a topic are not recorded."""

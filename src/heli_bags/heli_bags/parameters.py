@@ -60,6 +60,15 @@ TABLE: tuple[Parameter, ...] = (
         read_only=True,
     ),
     Parameter(
+        "schedule.gps_latency_ticks",
+        "int",
+        "A fix is sent so many ticks after its stamp; a bag has it there",
+        unit="ticks",
+        lower=0,
+        upper=1000,
+        read_only=True,
+    ),
+    Parameter(
         "flush_s",
         "double",
         "Wall time after which what has come is on the disk, whatever happens to the process",

@@ -360,7 +360,7 @@ class _Collector:
         if not self._in_flight_time:
             return stamp_ns >= 0
         if name in LATE:
-            # Put where it arrived: seconds later if DDS had to repeat it.
+            # Other recorders put it where they heard it: seconds later if DDS had to repeat it.
             return self.start_ns - WINDOW_NS <= stamp_ns <= bag_ns + WINDOW_NS
         begun = stamp_ns >= self.start_ns - _EARLY_NS
         if name == topics.DIAGNOSTICS:

@@ -9,7 +9,7 @@ import struct
 import sys
 import tempfile
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from io import BufferedWriter, BytesIO
@@ -46,7 +46,7 @@ from rosbags.typesys.store import Typestore
 from heli_core.rcl_yaml import printable
 from heli_core.ticks import NS_PER_S, OF_100_HZ, Rate
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.cdr import stamp_of, stamp_of_first
 
 # -------------------------------------------------------------------------------------------------
 # What an MCAP file's end says of its chunks, kept beside the file until then instead of in memory.
@@ -689,17 +689,32 @@ class BagFolder:
 # -------------------------------------------------------------------------------------------------
 # The time of a bag that is being recorded: the flight's, whatever stamps arrive. No rclpy.
 #
-# A message of the graph belongs where its stamp says. Not every stamp is of the flight's time: a
-# pilot's `topic pub` has the wall clock's, zero or anything. Such a message is put where it
-# arrived,
-# and is no sign of a gap.
+# A message of the graph belongs where it was sent: where its stamp says, or a known latency later.
+# When the recorder hears it says nothing: nobody waits for a recorder that lags. Not every stamp is
+# of the flight's time: a pilot's `topic pub` has the wall clock's, zero or anything. Such a message
+# is put where it was heard, and is no sign of a gap.
+#
+# In simulated time the messages of a tick are sent one after another at the same time: "superdense"
+# time (Lee and Zheng, Operational semantics of hybrid systems, HSCC 2005) counts the steps besides.
+# A bag has one number. Each step is a nanosecond of it, so that all readers keep the order, also
+# those (`rosbags`) that put messages of one time in the order of their topics.
 # -------------------------------------------------------------------------------------------------
 
 LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
-"""Stamped with the time of validity, which is earlier; in a bag they belong where they arrived."""
+"""Stamped with the time of validity, and sent later: `BagRecorder` is told by how much."""
 WINDOW_NS = 2 * NS_PER_S
 """A stamp so far ahead of the newest is of another time: each sender's messages come in order. How
 far one is behind says nothing: DDS repeats what a full queue did not take after seconds."""
+
+
+def steps_of(names: Iterable[str]) -> dict[str, int]:
+    """Place of each topic among those of a bag, in the order in which a tick's messages are sent.
+
+    That of a topic which no tick sends is 0.
+    """
+    recorded = set(names)
+    in_order = [name for name in topics.SENDING_ORDER if name in recorded]
+    return dict.fromkeys(recorded, 0) | {name: place for place, name in enumerate(in_order)}
 
 
 def is_stream(name: str) -> bool:
@@ -742,24 +757,25 @@ class BagClock:
         doubted = [] if self.known else list(self._doubted.values())
         return doubted[-1] if doubted else self.now_ns
 
-    def admits(self, name: str, stamp_ns: int) -> bool:
-        """Whether a stamp is of the flight's time, which it may move."""
-        first_ns = self._start_ns - (WINDOW_NS if name in LATE else 0)
-        if name not in self._streams and name not in LATE:
-            # A latched message may be as old as the flight; it belongs where it was heard.
+    def admits(self, name: str, sent_ns: int) -> bool:
+        """Whether a message was sent in the flight's time, which it may move."""
+        first_ns, row = self._start_ns, topics.KNOWN[name]
+        if row.latched or not row.source:
+            # A latched message may be as old as the flight, and a command may be stamped with
+            # anything; it belongs where it was heard.
             first_ns = max(first_ns, self.now_ns - WINDOW_NS)
-        if first_ns <= stamp_ns <= self.now_ns + WINDOW_NS:
+        if first_ns <= sent_ns <= self.now_ns + WINDOW_NS:
             if name in self._streams:
-                self.known, self.now_ns = True, max(self.now_ns, stamp_ns)
+                self.known, self.now_ns = True, max(self.now_ns, sent_ns)
                 self._doubted.pop(name, None)
             return True
-        if name not in self._setters or stamp_ns < 0:
+        if name not in self._setters or sent_ns < 0:
             return False
-        before, self._doubted[name] = self._doubted.get(name), stamp_ns
-        if before is None or not 0 < stamp_ns - before <= WINDOW_NS:
+        before, self._doubted[name] = self._doubted.get(name), sent_ns
+        if before is None or not 0 < sent_ns - before <= WINDOW_NS:
             return False
-        self.known, self.now_ns = True, stamp_ns
-        self._start_ns = min(self._start_ns, stamp_ns)
+        self.known, self.now_ns = True, sent_ns
+        self._start_ns = min(self._start_ns, sent_ns)
         self._doubted.clear()
         return True
 
@@ -912,6 +928,8 @@ class BagRecorder:
         Stamp of the flight's first tick.
     rate : Rate
         Of its ticks.
+    latency_ns : mapping of str to int, optional
+        By how much messages of a topic are sent after their stamps; of others they are sent then.
 
     Raises
     ------
@@ -936,8 +954,10 @@ class BagRecorder:
         form: Format | None = None,
         start_ns: int = 0,
         rate: Rate = OF_100_HZ,
+        latency_ns: Mapping[str, int] | None = None,
     ) -> None:
         self.folder, self._rate = Path(folder), rate
+        self._latency_ns = dict(latency_ns or {})
         rows = [row_of(name) for name in names]
         self.rows = {row.name: row for row in rows}
         definitions, channels = Definitions(), []
@@ -950,6 +970,7 @@ class BagRecorder:
             channels.append(BagChannel(full, row.type, text, digest, (_qos(row),)))
         self._bag = BagFolder(self.folder, channels, form)
         self._numbers = {name: number for number, name in enumerate(self.rows)}
+        self._steps_ns = steps_of(self.rows)
         self.counts = dict.fromkeys(self.rows, 0)
         self.odd_stamps: dict[str, int] = {}
         self._first: dict[str, int] = {}
@@ -957,7 +978,7 @@ class BagRecorder:
         # A node that was started again repeats some messages: they fill no gap.
         self._recent = {name: deque[int](maxlen=_RECENT) for name in self.rows}
         self._repeated = dict.fromkeys(self.rows, 0)
-        # By how much a sensor's stamps are behind the time at which they come.
+        # By how much a sensor's messages are heard after the newest of other topics.
         self._late_ns: dict[str, int] = {}
         self._clock = BagClock(start_ns, self.rows)
         self._waiting: list[tuple[str, bytes]] = []
@@ -970,11 +991,10 @@ class BagRecorder:
         return self._clock.likely_ns
 
     def write(self, name: str, raw: bytes) -> None:
-        """Write a serialised message, stamped in the flight's time.
+        """Write a serialised message, at the flight's time at which it was sent, and its step.
 
-        A message whose stamp is of another time, and that of a foreign topic or of one of
-        `topics.TOOLS`, which need not carry one, get the graph's newest stamp. Nothing is written
-        before the time is known.
+        A message whose stamp is of another time, and that of a foreign topic, which need not carry
+        one, get the graph's newest stamp. Nothing is written before the time is known.
 
         Raises
         ------
@@ -988,7 +1008,7 @@ class BagRecorder:
             return
         self._waiting.append((name, raw))
         if name in topics.BY_NAME:
-            self._clock.admits(name, stamp_of(raw))
+            self._clock.admits(name, self._sent_ns(name, raw))
         if self._clock.known or len(self._waiting) > _MOST_WAITING:
             self._write_waiting()
 
@@ -997,43 +1017,53 @@ class BagRecorder:
         for name, raw in waiting:
             self._write(name, raw)
 
+    def _sent_ns(self, name: str, raw: bytes) -> int:
+        """When a message of the graph was sent, as its sender says; negative: it does not say."""
+        if name in topics.BY_NAME:
+            return stamp_of(raw) + self._latency_ns.get(name, 0)
+        return stamp_of_first(raw) if name in (topics.TF, topics.TF_STATIC) else -1
+
     def _write(self, name: str, raw: bytes, last: bool = False) -> None:
         if self._failed:
             return
         clock, fits = self._clock, False
-        given_ns = stamp_ns = clock.now_ns
-        if name in topics.BY_NAME:
-            given_ns = stamp_of(raw)
-            if name in LATE and WINDOW_NS < given_ns - clock.now_ns <= _AHEAD_NS and not last:
+        sent_ns = log_ns = clock.now_ns
+        if name in topics.KNOWN:
+            sent_ns = self._sent_ns(name, raw)
+            if name in LATE and WINDOW_NS < sent_ns - clock.now_ns <= _AHEAD_NS and not last:
                 self._ahead.append((name, raw))
                 return
-            fits = clock.admits(name, given_ns)
-            if not fits:
-                self.odd_stamps[name] = self.odd_stamps.get(name, 0) + 1
-            else:
-                stamp_ns = max(given_ns, clock.now_ns) if name in LATE else given_ns
+            fits = clock.admits(name, sent_ns)
+            log_ns = sent_ns if fits else log_ns
         try:
-            self._bag.write(self._numbers[name], max(stamp_ns, 0), raw)
+            self._bag.write(self._numbers[name], max(log_ns, 0) + self._steps_ns[name], raw)
         except (OSError, sqlite3.Error) as error:
             self._give_up(error)
         self.counts[name] += 1
-        if self._ahead and fits and name not in LATE:
+        if name in topics.BY_NAME:
+            self._note(name, sent_ns, fits)
+
+    def _note(self, name: str, sent_ns: int, fits: bool) -> None:
+        """Remember of a message what tells whether others lack."""
+        if not fits:
+            self.odd_stamps[name] = self.odd_stamps.get(name, 0) + 1
+            return
+        self._first.setdefault(name, sent_ns)
+        if sent_ns <= self._last.get(name, -1) and sent_ns in self._recent[name]:
+            self._repeated[name] += 1
+        self._recent[name].append(sent_ns)
+        self._last[name] = max(sent_ns, self._last.get(name, 0))
+        if name in LATE:
+            # A tick more: it may come before the rest of its own.
+            late_ns = max(self._clock.now_ns - sent_ns, 0) + self._rate.tick_ns
+            self._late_ns[name] = max(late_ns, self._late_ns.get(name, 0))
+        elif self._ahead:
             self._write_ahead()
-        if fits:
-            self._first.setdefault(name, given_ns)
-            if given_ns <= self._last.get(name, -1) and given_ns in self._recent[name]:
-                self._repeated[name] += 1
-            self._recent[name].append(given_ns)
-            self._last[name] = max(given_ns, self._last.get(name, 0))
-            if name in LATE:
-                # A tick more: it may come before the rest of its own.
-                late_ns = stamp_ns - given_ns + self._rate.tick_ns
-                self._late_ns[name] = max(late_ns, self._late_ns.get(name, 0))
 
     def _write_ahead(self) -> None:
         """Write what has waited for the time that has come now."""
         ahead, until_ns = self._ahead, self._clock.now_ns + WINDOW_NS
-        while ahead and stamp_of(ahead[0][1]) <= until_ns:
+        while ahead and self._sent_ns(*ahead[0]) <= until_ns:
             self._write(*ahead.popleft())
 
     def flush(self) -> None:

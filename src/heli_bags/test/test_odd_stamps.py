@@ -182,7 +182,10 @@ def test_what_is_said_twice_fills_no_gap(tmp_path):
 def test_messages_that_dds_repeats_after_long_are_where_they_belong(tmp_path):
     """A full queue: two topics come half a minute of the flight after the others."""
     names = (*NAMES, topics.GPS_VELOCITY)
-    recorder = BagRecorder(tmp_path / "bag", names, "/heli", start_ns=START_NS)
+    latency_ns = {topics.GPS_VELOCITY: 10 * TICK_NS}
+    recorder = BagRecorder(
+        tmp_path / "bag", names, "/heli", start_ns=START_NS, latency_ns=latency_ns
+    )
     late = []
     for name, raw in flight(0, 3000):
         late += [(name, raw)] if name == topics.TRUTH_ODOM else []
@@ -197,6 +200,20 @@ def test_messages_that_dds_repeats_after_long_are_where_they_belong(tmp_path):
     bag = read_bag(tmp_path / "bag")
     assert bag.refused == {} and bag.streams[topics.TRUTH_ODOM].stamp_ns.size == 3000
     assert bag.streams[topics.GPS_VELOCITY].stamp_ns.tolist() == fixes_ns.tolist()
+    assert behind_ns(tmp_path / "bag", topics.GPS_VELOCITY) == {10 * TICK_NS}
+
+
+def behind_ns(folder, topic):
+    """By how much the bag has messages of a topic after their stamps, ns: the different ones.
+
+    Without the nanoseconds that tell the order of a tick's messages.
+    """
+    with Reader(folder) as reader:
+        return {
+            (log_ns - stamp_of(raw)) // TICK_NS * TICK_NS
+            for connection, log_ns, raw in reader.messages()
+            if connection.topic.endswith(f"/{topic}")
+        }
 
 
 def test_a_status_that_is_heard_late_is_of_when_it_was_said(tmp_path):
@@ -210,13 +227,15 @@ def test_a_status_that_is_heard_late_is_of_when_it_was_said(tmp_path):
         if number == 2200:
             recorder.write(topics.DIAGNOSTICS, diagnostics_message(said_ns["standing"], "standing"))
     recorder.close()
+    assert behind_ns(tmp_path / "bag", "diagnostics") == {0}
     remarks = read_bag(tmp_path / "bag").remarks
     assert [(r.message, r.stamp_ns) for r in remarks] == list(said_ns.items())
 
 
 def test_fixes_that_are_heard_before_the_time_wait_for_it(tmp_path):
     """After a pause of the recorder: the whole queue of one topic, then that of the next."""
-    bag = BagRecorder(tmp_path / "bag", (topics.IMU, topics.GPS_VELOCITY))
+    latency_ns = {topics.GPS_VELOCITY: 15 * TICK_NS}
+    bag = BagRecorder(tmp_path / "bag", (topics.IMU, topics.GPS_VELOCITY), latency_ns=latency_ns)
     encoders = {name: Encoder(name) for name in bag.rows}
 
     def queue(name, first, last):
@@ -232,10 +251,6 @@ def test_fixes_that_are_heard_before_the_time_wait_for_it(tmp_path):
     assert bag.odd_stamps == {} and bag.missing() == []
     bag.close()
     assert bag.odd_stamps == {topics.GPS_VELOCITY: 1}
-    with Reader(tmp_path / "bag") as reader:
-        late_ns = [
-            stamp_ns - stamp_of(raw)
-            for connection, stamp_ns, raw in reader.messages()
-            if connection.topic == f"/{topics.GPS_VELOCITY}"
-        ]
-    assert len(late_ns) == 301 and sum(abs(ns) <= 2 * NS_PER_S for ns in late_ns) == 300
+    assert bag.counts[topics.GPS_VELOCITY] == 301
+    odd_ns = NS_PER_S + 5999 * TICK_NS - 90 * NS_PER_S
+    assert behind_ns(tmp_path / "bag", topics.GPS_VELOCITY) == {15 * TICK_NS, odd_ns}

@@ -64,7 +64,8 @@ def test_a_sensor_that_is_late_has_gaps_only_where_messages_lack(tmp_path, first
     every = topics.BY_NAME[topics.GPS_FIX].every_ticks
 
     def missing(folder, lost):
-        bag = BagRecorder(folder, order)
+        latency_ns = {topics.GPS_FIX: late_ticks * TICK_NS}
+        bag = BagRecorder(folder, order, latency_ns=latency_ns)
         for tick in range(TICKS):
             for name in order:
                 if name == topics.GPS_FIX and (tick % every or tick in lost):
@@ -87,11 +88,16 @@ def record(folder, form, ticks=TICKS, flush_every=50):
     sent = []
     for number, (name, stamp_ns, raw) in enumerate(stream(ticks)):
         recorder.write(name, raw)
-        sent.append((f"/heli/{name}", stamp_ns, raw))
+        sent.append(in_bag(name, stamp_ns, raw))
         if number % flush_every == 0:
             recorder.flush()
     recorder.close()
     return sent
+
+
+def in_bag(name, stamp_ns, raw):
+    """What a bag has of a message: those of a tick follow one another by a nanosecond."""
+    return f"/heli/{name}", stamp_ns + NAMES.index(name), raw
 
 
 def by_rosbags(folder):
@@ -190,7 +196,8 @@ def test_second_reader_decodes_it_by_its_own_schemas(tmp_path, form):
             name = channel.topic.removeprefix("/heli/")
             assert schema.encoding == "ros2msg" and channel.message_encoding == "cdr"
             stamp = decoded.header.stamp
-            assert message.log_time == stamp.sec * 10**9 + stamp.nanosec
+            stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+            assert message.log_time == stamp_ns + NAMES.index(name)
             if name == topics.ACTUATORS:
                 assert decoded.position[0] == counts[name]
             counts[name] += 1
@@ -236,7 +243,7 @@ def test_metadata_is_what_rosbag2_expects(tmp_path):
     }  # fmt: skip
     assert (info["version"], info["storage_identifier"], info["ros_distro"]) == (9, "mcap", "jazzy")
     assert info["starting_time"] == {"nanoseconds_since_epoch": 1_000_000_000}
-    assert info["duration"] == {"nanoseconds": (TICKS - 1) * TICK_NS}
+    assert info["duration"] == {"nanoseconds": (TICKS - 1) * TICK_NS + len(NAMES) - 1}
     assert len(info["files"]) > 3
     assert [file["path"] for file in info["files"]] == info["relative_file_paths"]
     assert sum(file["message_count"] for file in info["files"]) == info["message_count"]
@@ -270,7 +277,7 @@ def test_files_are_split_where_they_should(tmp_path):
     assert [p.name for p in parts] == ["bag_0.db3", "bag_1.db3", "bag_2.db3"]
     for part in parts:
         with Reader(part) as reader:
-            assert reader.duration == 990_000_001 and reader.message_count == 300
+            assert reader.duration == 990_000_000 + len(NAMES) and reader.message_count == 300
 
 
 def test_any_other_topic_by_its_type(tmp_path):
@@ -360,7 +367,7 @@ def fill(folder, form, limit, flush_every=20):
 def is_beginning(folder):
     """Number of messages of a bag, which are exactly the first that were sent."""
     kept = by_rosbags(folder)
-    sent = [(f"/heli/{name}", stamp_ns, raw) for name, stamp_ns, raw in stream(len(kept))]
+    sent = [in_bag(*message) for message in stream(len(kept))]
     assert sorted(kept) == sorted(sent[: len(kept)])
     return len(kept)
 

@@ -31,7 +31,7 @@ from heli_dynamics_sim.sensors import periods
 from heli_dynamics_sim.servo import Fallback, FallbackNumbers
 from heli_dynamics_sim.wind import injected_gust
 from heli_msgs_bridge import signatures, topics
-from heli_msgs_bridge.diagnostics import Level, NodeState
+from heli_msgs_bridge.diagnostics import FACT_GPS_LATENCY, Level, NodeState
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import FIX_STATUS
 from heli_msgs_bridge.lifecycle_node import NodeSpec, NodeStartError
@@ -469,6 +469,7 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
             "flown_s": f"{flown:.2f}",
             "wall_s": f"{elapsed:.3f}",
             "real_time_factor": f"{factor:.3f}",
+            FACT_GPS_LATENCY: self.core.config.params.sensors.gps.latency * self.rate.tick_ns,
             **self.core.fallback.facts(),
             **self.core.fault_log.facts(self.core.config.faults, flown),
         }

@@ -434,3 +434,13 @@ def test_the_exit_code_says_whether_the_helicopter_came_through(bench):
         lost.send(topics.ACTUATORS, tick, -np.ones(4))
     assert lost.node.health.level == Level.ERROR
     assert (lost.node.finished, lost.node.exit_code) == (True, 1)
+
+
+def test_a_tick_is_sent_in_the_order_that_bags_have(bench):
+    plant = bench(
+        PlantNode, sensors__imu2__enabled=True, wind__sines__amplitude_mps=[1.0, 0.0, 0.0],
+        wind__sines__frequency_hz=[1.0], wind__sines__phase_rad=[0.0, 0.0, 0.0],
+    )  # fmt: skip
+    plant.fly()
+    in_order = [name for name in topics.SENDING_ORDER if "plant" in topics.KNOWN[name].source]
+    assert [name for name in plant.sent if name in in_order] == in_order

@@ -1133,6 +1133,9 @@ def resolve(
     unread = _unread(read, values["inner_loop"], fitting, overrides or {})
     for node in NODES:
         values[node.name] |= {"lockstep": mode != REAL_TIME, "link_seed": values["plant"]["seed"]}
+    # What the plant does, the recorder must know; nobody has to say it twice.
+    latency_ticks = values["plant"]["sensors.gps.latency_ticks"]
+    values[recorder_table.NODE_NAME] |= {"schedule.gps_latency_ticks": latency_ticks}
     return Settings(
         {node.name: values[node.name] for node in NODES},
         _scenario(values),

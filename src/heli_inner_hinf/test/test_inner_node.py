@@ -152,3 +152,15 @@ def test_a_setpoint_of_a_later_moment_is_not_fresh(bench):
     assert inner.node.tick == 7
     expected = "the attitude setpoint is too old: trim attitude is held"
     assert (inner.node.health.level, inner.node.health.message) == (Level.WARN, expected)
+
+
+def test_what_is_added_to_the_actuators_is_sent_before_them(bench):
+    """As bags have the messages of a tick."""
+    inner = bench(
+        InnerLoopNode, excitation__frequency_hz=[1.0], excitation__amplitude=[0.01] + [0.0] * 3,
+        excitation__phase_rad=[0.0] * 4, excitation__start_s=0.0,
+    )  # fmt: skip
+    inner.fly()
+    tick_of(inner, 0)
+    assert list(inner.sent) == [name for name in topics.SENDING_ORDER if name in inner.sent]
+    assert topics.EXCITATION_ACTUATORS in inner.sent

@@ -17,7 +17,7 @@ import numpy as np
 from heli_core.ticks import NS_PER_S
 
 _HEADER = b"\x00\x01\x00\x00"
-_STAMP = struct.Struct("<iI")
+_STAMP, _COUNT = struct.Struct("<iI"), struct.Struct("<I")
 _STAMP_AT = len(_HEADER)
 _SHIFT = 4
 
@@ -162,4 +162,13 @@ class FixedMessage:
 def stamp_of(raw: bytes) -> int:
     """Stamp (ns) of any serialised message that begins with a stamp, header or bare time."""
     sec, nanosec = _STAMP.unpack_from(raw, _STAMP_AT)
+    return sec * NS_PER_S + nanosec
+
+
+def stamp_of_first(raw: bytes) -> int:
+    """Stamp (ns) of the first of a sequence of stamped things (tf2_msgs/TFMessage); -1 of none."""
+    at = _STAMP_AT + _COUNT.size
+    if len(raw) < at + _STAMP.size or _COUNT.unpack_from(raw, _STAMP_AT) == (0,):
+        return -1
+    sec, nanosec = _STAMP.unpack_from(raw, at)
     return sec * NS_PER_S + nanosec

@@ -38,10 +38,13 @@ FACT_REFUSED = "refused."
 and why the last one (`refusal_text`)."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
+FACT_GPS_LATENCY = "gps_latency_ns"
+"""What the plant calls the time from a fix's stamp to its sending, ns."""
 REPEAT_S = 1.0
 """Wall time after which a status is repeated though no tick has passed."""
 
 
+_MOST_LATENCY_NS = 10 * NS_PER_S
 # What a value of a stranger's may lead to; a whole number may be infinite.
 _UNREADABLE = (ValueError, TypeError, KeyError, OverflowError)
 
@@ -59,6 +62,14 @@ def ways_of(facts: Mapping[str, str]) -> list[tuple[int, int]]:
     with contextlib.suppress(*_UNREADABLE):
         return [(int(since_ns), int(key)) for since_ns, key in load_json(facts[FACT_WAYS])]
     return []
+
+
+def gps_latency_of(facts: Mapping[str, str]) -> int | None:
+    """From a fix's stamp to its sending, ns, as the plant tells; None if it tells none."""
+    with contextlib.suppress(*_UNREADABLE):
+        latency_ns = int(facts[FACT_GPS_LATENCY])
+        return latency_ns if 0 <= latency_ns <= _MOST_LATENCY_NS else None
+    return None
 
 
 def hardware_of(namespace: str) -> str:

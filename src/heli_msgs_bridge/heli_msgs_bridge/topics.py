@@ -190,6 +190,30 @@ missing: tf2_msgs is not among the wheels. They carry no stamp in front."""
 KNOWN: dict[str, Topic] = {topic.name: topic for topic in (*TABLE, *TOOLS)}
 
 
+SENDING_ORDER: tuple[str, ...] = (
+    *(row.topic for row in sensors.SENSORS),
+    GPS_FIX,
+    GPS_VELOCITY,
+    IMU2,
+    IMU,
+    TRUTH_ODOM,
+    TRUTH_WIND,
+    EXCITATION_WIND,
+    TRUTH_ROTOR,
+    CLOCK,
+    ODOM,
+    ROTOR_STATE,
+    TF,
+    ATTITUDE_SETPOINT,
+    COLLECTIVE,
+    EXCITATION_ATTITUDE,
+    EXCITATION_ACTUATORS,
+    ACTUATORS,
+)
+"""In which order the messages of a tick are sent: who sends later has heard those before. All of
+them carry the time of the tick, so a bag must tell the order by other means."""
+
+
 def installed(name: str) -> bool:
     """True if the type of a topic in `KNOWN` is on this machine (imports ROS messages)."""
     try:
