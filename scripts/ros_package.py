@@ -1,51 +1,35 @@
+#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The one set-up of all ROS packages under src/: their setup.py calls `setup_package()`.
+"""Write what is the same in all Python packages under src/: setup.py and setup.cfg.
 
-Name, version, description, maintainer and licence stand in package.xml; what is installed follows
-from the folders that a package has. (`pip install .` at the top of the repository uses
+colcon, bloom and rosdep want a package that can be built alone, so each has a copy; of setup.py
+the one to edit is scripts/ros_setup.py. (`pip install .` at the top of the repository uses
 pyproject.toml instead and installs all packages at once.)
 """
 
 from pathlib import Path
-from xml.etree import ElementTree
 
-from setuptools import find_packages, setup
-
-SHARED = ("config", "launch", "web")
-
-
-def data_files(package: str) -> list[tuple[str, list[str]]]:
-    """(install folder, files) of the package in the present folder, as ament_index seeks them."""
-    found = [
-        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
-        (f"share/{package}", ["package.xml"]),
-    ]
-    for top in SHARED:
-        for folder in sorted({path.parent for path in Path(top).rglob("*.*")}):
-            files = sorted(str(path) for path in folder.glob("*.*") if path.suffix != ".pyc")
-            found.append((f"share/{package}/{folder}", files))
-    executables = sorted(str(path) for path in Path("scripts").glob("*"))
-    if executables:
-        found.append((f"lib/{package}", executables))
-    return found
+ROOT = Path(__file__).resolve().parent.parent
+SETUP_CFG = """# SPDX-License-Identifier: Apache-2.0
+[develop]
+script_dir=$base/lib/{name}
+[install]
+install_scripts=$base/lib/{name}
+"""
 
 
-def setup_package() -> None:
-    """Call setuptools for the package in the present folder."""
-    manifest = ElementTree.parse("package.xml").getroot()
-    package = manifest.findtext("name")
-    maintainer = manifest.find("maintainer")
-    setup(
-        name=package,
-        version=manifest.findtext("version"),
-        description=manifest.findtext("description"),
-        maintainer=maintainer.text,
-        maintainer_email=maintainer.get("email"),
-        license=manifest.findtext("license"),
-        packages=find_packages(exclude=["test"]),
-        package_data={"": ["page/*"]},
-        data_files=data_files(package),
-        install_requires=["setuptools"],
-        extras_require={"test": ["pytest"]},
-        zip_safe=False,
-    )
+def files(name: str) -> dict[str, str]:
+    """File name to text, of the package of this name."""
+    setup = (ROOT / "scripts/ros_setup.py").read_text(encoding="utf-8")
+    return {"setup.py": setup, "setup.cfg": SETUP_CFG.format(name=name)}
+
+
+def main() -> None:
+    """Write them into every package that has a setup.py."""
+    for package in sorted(path.parent for path in ROOT.glob("src/*/setup.py")):
+        for name, text in files(package.name).items():
+            (package / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

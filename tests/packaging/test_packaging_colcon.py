@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`colcon build` of every package, as with a ROS installation, by PyPI's colcon.
+"""Each package alone, and `colcon build` of all, as with a ROS installation, by PyPI's colcon.
 
 heli_interfaces is left out: its types are compiled, and generators are no wheels of set-up's. What
 this cannot show: that, a build against apt's ROS 2 Jazzy, whose Python packages take the place of
@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -39,8 +40,6 @@ def workspace(request, tmp_path_factory):
         "__pycache__", "*.egg-info", "test", "build", "install", COMPILED
     )
     shutil.copytree(ROOT / "src", top / "src", ignore=ignored)
-    (top / "scripts").mkdir()
-    shutil.copy2(ROOT / "scripts/ros_package.py", top / "scripts")
     command = [sys.executable, "-m", "colcon", "build", "--base-paths", "src"]
     command += ["--event-handlers", "console_direct+"]
     command += [request.param] if request.param else []
@@ -48,6 +47,40 @@ def workspace(request, tmp_path_factory):
     done = subprocess.run(command, cwd=top, env=env, capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stdout + done.stderr
     return top
+
+
+BUILD = """
+import os, tarfile
+from pathlib import Path
+from setuptools import build_meta
+
+sources = build_meta.build_sdist(".")
+tarfile.open(sources).extractall("unpacked", filter="data")
+(top,) = Path("unpacked").iterdir()
+os.chdir(top)
+print(build_meta.build_wheel("."))
+"""
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_copied_alone_builds(package, tmp_path):
+    """Its archive of sources, and of that its wheel, with all that `ros2 run` looks up."""
+    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "build")
+    top, source = tmp_path / package, ROOT / "src" / package
+    shutil.copytree(source, top, ignore=ignored)
+    command = [sys.executable, "-c", BUILD]
+    done = subprocess.run(command, cwd=top, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,) = top.glob("unpacked/*/*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    (data,) = {name.split("/")[0] for name in names if ".data/" in name}
+    assert f"{data}/data/share/ament_index/resource_index/packages/{package}" in names
+    wanted = {f"{package}/{path.relative_to(source / package)}"
+              for path in (source / package).rglob("*.py")}  # fmt: skip
+    wanted |= {f"{data}/data/lib/{package}/{path.name}" for path in source.glob("scripts/*")}
+    share = [source / "package.xml", *source.glob("launch/*.py"), *source.glob("config/**/*.*")]
+    wanted |= {f"{data}/data/share/{package}/{path.relative_to(source)}" for path in share}
+    assert wanted <= names
 
 
 def in_workspace(workspace, command):

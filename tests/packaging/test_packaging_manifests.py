@@ -4,6 +4,7 @@
 import ast
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -12,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from catkin_pkg.changelog import get_changelog_from_path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/setup.py"))
@@ -22,8 +24,7 @@ VERSION = PROJECT["project"]["version"]
 # Python import -> rosdep key, where the two differ from python3-<import>.
 ROSDEP_KEYS = {"yaml": "python3-yaml", "markupsafe": "python3-jinja2"}
 # Keys that rosdep resolves to a package of Ubuntu noble: rosdep/python.yaml of ros/rosdistro,
-# commit 8468e88ccd, looked up on 2026-11-22. Keys that it resolves to pip (control, rosbags) are
-# left out: noble's pip refuses to install beside the system's packages.
+# commit 8468e88ccd, looked up on 2026-11-22.
 KNOWN_TO_ROSDEP = {
     "python3-aiohttp",
     "python3-jinja2",
@@ -34,7 +35,16 @@ KNOWN_TO_ROSDEP = {
     "python3-pytest",
     "python3-rich",
     "python3-scipy",
+    "python3-typer",
     "python3-yaml",
+}
+# Python import -> key that rosdep resolves to pip (same commit), by name or, of mcap, by what
+# brings it; of typer to noble's package, which is too old.
+PIP_KEYS = {
+    "control": "python-control-pip",
+    "mcap": "mcap-ros2-support",
+    "rosbags": "python3-rosbags-pip",
+    "typer": "python3-typer",
 }
 # Released packages of jazzy/distribution.yaml, same commit and day.
 KNOWN_IN_JAZZY = {
@@ -60,7 +70,7 @@ KNOWN_IN_JAZZY = {
 }
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk", "pygame": "pygame-ce"}
 # By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
-# package, or, of typer, one that is too old; apsw and lz4 come with rosbags.
+# package, or, of typer, one that is too old; apsw, lz4 and zstandard come with rosbags.
 BY_PIP = {
     "apsw", "cma", "control", "distributed", "foxglove", "lz4", "mcap", "pyarrow", "rosbags",
     "ruckig", "typer", "zstandard",
@@ -160,10 +170,11 @@ class TestManifest:
         address = manifest(package).find("maintainer").get("email")
         assert re.fullmatch(r"[-a-zA-Z0-9_%+]+(\.[-a-zA-Z0-9_%+]+)*@[-a-zA-Z0-9%.]+", address)
 
-    def test_setup_py_agrees(self, package):
-        source = (ROOT / "src" / package / "setup.py").read_text()
-        assert source == (ROOT / "src/heli_core/setup.py").read_text()
-        assert f"$base/lib/{package}" in (ROOT / "src" / package / "setup.cfg").read_text()
+    def test_what_is_written_is_up_to_date(self, package):
+        written = runpy.run_path(str(ROOT / "scripts/ros_package.py"))["files"]
+        for name, text in written(package).items():
+            there = (ROOT / "src" / package / name).read_text(encoding="utf-8")
+            assert there == text, f"{package}/{name}: run scripts/ros_package.py"
 
     def test_marker(self, package):
         assert (ROOT / "src" / package / "resource" / package).is_file()
@@ -176,11 +187,13 @@ class TestManifest:
             else ROSDEP_KEYS.get(name, f"python3-{name}")
             for name in imports(package) - BY_PIP
         }
+        needed |= {PIP_KEYS[name] for name in imports(package) & set(PIP_KEYS)}
         assert needed - declared == set()
 
     def test_rosdep_knows_every_key(self, package):
         keys = {node.text for node in manifest(package) if node.tag.endswith("depend")}
-        assert keys - KNOWN_TO_ROSDEP - KNOWN_IN_JAZZY - {*PACKAGES, COMPILED} == set()
+        known = KNOWN_TO_ROSDEP | KNOWN_IN_JAZZY | set(PIP_KEYS.values())
+        assert keys - known - {*PACKAGES, COMPILED} == set()
 
     def test_executables_call_an_existing_main(self, package):
         for script in (ROOT / "src" / package / "scripts").glob("*"):
@@ -204,8 +217,21 @@ def test_every_third_party_import_is_required():
     assert pins("python.txt") - needed == set()
 
 
+@pytest.mark.parametrize("package", [*PACKAGES, COMPILED])
+def test_the_changelog_is_one_that_bloom_reads(package):
+    """REP 132; its newest version is that of package.xml."""
+    changelog = get_changelog_from_path(ROOT / "src" / package)
+    version, _, content = next(changelog.foreach_version(reverse=True))
+    assert version == VERSION
+    assert [item for entries in content for item in entries]
+    first = (ROOT / "src" / package / "CHANGELOG.rst").read_text(encoding="utf-8")
+    assert f"Changelog for package {package}\n" in first
+
+
 def test_what_pip_brings_is_named_where_rosdep_is():
     text = " ".join((ROOT / "CONTRIBUTING.md").read_text().split())
+    for key in set(PIP_KEYS.values()) - KNOWN_TO_ROSDEP:
+        assert key in text
     assert BY_PIP <= {n for package in PACKAGES for n in imports(package)}
     for name in BY_PIP:
         assert DISTRIBUTIONS.get(name, name) in text
@@ -228,7 +254,10 @@ def test_test_tools_are_required():
     owners = packages_distributions()
     for name in names:
         owned = {owner.lower().replace("_", "-") for owner in owners.get(name, [name])}
-        assert owned & (known | {"mcap"}), f"{name} is imported by a test but not required"
+        # mcap comes with rosbags, catkin-pkg with colcon-ros.
+        assert owned & (known | {"mcap", "catkin-pkg"}), (
+            f"{name} is imported by a test but not required"
+        )
 
 
 def test_every_requirement_is_pinned_exactly():
@@ -274,6 +303,7 @@ def test_every_file_that_is_installed_has_its_hash():
         assert wanted <= set(lists[kind]) | set(lists["flight"]), name
 
 
+@pytest.mark.skipif("ROS_DISTRO" in os.environ, reason="the system's packages come first there")
 def test_running_environment_is_the_pinned_one():
     """Catches a test run in an environment that set-up did not make."""
     from importlib.metadata import version

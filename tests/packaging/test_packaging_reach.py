@@ -26,7 +26,6 @@ CALLED_BY_OTHERS = {
     "generate_launch_description": "by launch",
     "user_law": "by whoever copies law_template",
     "signum": "of a signal handler's arguments, which Python gives",
-    "setup_package": "by src/*/setup.py",
     **dict.fromkeys(("_type_of_vector", "_type_of_matrix", "_on_stack", "_ByReferenceModel",
                      "_unbox", "_Members", "generic_resolve", "_member"), "by numba, to compile"),
     "readings": "by estimators of others (Estimator)",

@@ -29,7 +29,7 @@ README = f"# {NEW}\n\n## Purpose\nA winch.\n\n## Public names\n`cable`.\n"
 def add_package(copy, data_files=True, imports="heli_core", readme=README):
     """The recipe's steps."""
     folder = f"src/{NEW}"
-    for name in ("setup.py", "setup.cfg", "package.xml"):
+    for name in ("setup.py", "setup.cfg", "package.xml", "CHANGELOG.rst"):
         text = copy.path(f"src/{NEIGHBOUR}/{name}").read_text()
         copy.write(f"{folder}/{name}", text.replace(NEIGHBOUR, NEW))
     manifest = copy.path(f"{folder}/package.xml").read_text().splitlines(keepends=True)
