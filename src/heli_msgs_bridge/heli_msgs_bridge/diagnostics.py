@@ -154,6 +154,10 @@ class GoalAnswer:
         known yet.
     end_ns : int or None
         When, a stamp.
+    cause : str
+        Why it is refused, for programs: the name of a `heli_outer_pd.modes.RefusalCause` or
+        `Guard`, of a `heli_core.errors.PathCause` or a `heli_msgs_bridge.layouts.MessageCause`;
+        empty where it is not refused.
     """
 
     goal_id: str
@@ -162,6 +166,7 @@ class GoalAnswer:
     sentence: str
     end_ned_m: list[float] | None = None
     end_ns: int | None = None
+    cause: str = ""
 
 
 def goals_text(answers: Iterable[GoalAnswer]) -> str:
