@@ -379,6 +379,8 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
 
 _TAKEOFF, _GOTO, _FOLLOW = "takeoff", "goto", "follow"
 _PLAIN = ("land", "hold", "velocity", "attitude", "manual")
+PLAIN_COMMANDS = (_TAKEOFF, *_PLAIN)
+"""Commands that need nothing beside their name."""
 _MOST_ID = 64
 
 

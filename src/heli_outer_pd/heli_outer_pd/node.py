@@ -19,6 +19,7 @@ from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import decode_reference, encode_reference, key_of
 from heli_msgs_bridge.diagnostics import (
+    FACT_CLIMB,
     FACT_FAILSAFE,
     FACT_GOALS,
     FACT_LAW_FAILED,
@@ -500,6 +501,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state.x[MEMORY.disturbance], 4).tolist(),
                 **self._goal_facts(),
+                **({} if phases.own_climb_m is None else {FACT_CLIMB: phases.own_climb_m}),
                 **({FACT_LAW_FAILED: core.flies.failure} if core.flies.failure else {}),
             }
             self.warn_or_ok(level, message, facts)

@@ -230,8 +230,8 @@ class Phases:
         So far the aircraft is outside the fence.
     sticks : StickFlight
         Who leads in the modes `attitude` and `manual`.
-    climb_m : float
-        Height to which a take-off climbs, above where it stood: its own, or `takeoff.height_m`.
+    own_climb_m : float or None
+        Height of the newest take-off above where it stood, if it had one of its own.
     remarks : list of str
         Orders that were refused.
     """
@@ -255,7 +255,7 @@ class Phases:
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self.cruise_ns, self.sticks = TouchDown(), start_ns, StickFlight(state)
-        self._climb_m: float | None = None
+        self.own_climb_m: float | None = None
         if numbers.on_ground:
             state.x[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
@@ -263,7 +263,7 @@ class Phases:
     @property
     def climb_m(self) -> float:
         """Height to which a take-off climbs, above where it stood, m."""
-        return self.numbers.height_m if self._climb_m is None else self._climb_m
+        return self.numbers.height_m if self.own_climb_m is None else self.own_climb_m
 
     @property
     def leaving(self) -> bool:
@@ -348,7 +348,7 @@ class Phases:
         end_ned_m = nav[NAV.pos] - [0.0, 0.0, height_m]
         self.fence.judge_place("the end of the climb", end_ned_m, self.home_ned_m)
         self.command(Command.TAKEOFF, now_ns, nav)
-        self._climb_m = height_m
+        self.own_climb_m = height_m
         return None
 
     def command(
@@ -539,7 +539,7 @@ class Phases:
         ramp = abs(n.idle_collective - self.params.trim[SETPOINT.col])
         match phase:
             case Phase.SPOOLING:
-                self._climb_m = None
+                self.own_climb_m = None
             case Phase.LIFTING:
                 self._stance = lean(nav, self.params)
                 self._stand(self.params.trim[SETPOINT.col], ramp / n.up_ramp_s)
