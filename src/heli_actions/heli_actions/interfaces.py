@@ -13,7 +13,6 @@ import numpy as np
 from action_msgs.msg import GoalStatus as RosStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from unique_identifier_msgs.msg import UUID
 
 from heli_actions.goals import NOT_KNOWN, Code, GoalFeedback, GoalRequest, GoalStatus, Kind
 from heli_core.rows import REFERENCE
@@ -200,13 +199,12 @@ class ActionClients:
         told: Callable[[GoalFeedback], None],
         finish: Finish,
     ) -> None:
-        """Send a goal whose id is 32 hexadecimal digits; both callables are called of it."""
+        """Send a goal; both callables are called of it, by whose key it may be cancelled."""
         kind, words = request.kind, self._interfaces
         self._under_way[key] = kind, finish
         self._clients[kind].send_goal_async(
             words.goal(request),
             lambda message: told(words.read_feedback(kind, message.feedback)),
-            UUID(uuid=list(bytes.fromhex(key))),
         ).add_done_callback(lambda future: self._answered(key, future.result()))
 
     def cancel(self, key: str) -> None:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands `heli takeoff`, `goto`, `land` and `mode`: a pilot of the running flight."""
 
+import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -39,8 +40,13 @@ def _epilog(*examples: str) -> str:
     return "\b\nexample:\n" + "\n".join(f"  {line}" for line in examples) + f"\n\n{_EXIT}"
 
 
-def _fly(namespace: str, wait_s: float, ask: "Callable[[Pilot], str]") -> int:
-    """Have a pilot do something; print what was done, or say why not."""
+def _fly(
+    namespace: str,
+    wait_s: float,
+    quiet: bool,
+    ask: "Callable[[Pilot, Callable[[Feedback], None]], str]",
+) -> int:
+    """Have a pilot do something and tell how it goes on; print what was done, or why not."""
     from heli_actions.errors import FlightNotHeard, GoalError, GoalRefused
     from heli_actions.pilot import Pilot
     from heli_flight.graph.nodes import ros_node
@@ -50,7 +56,9 @@ def _fly(namespace: str, wait_s: float, ask: "Callable[[Pilot], str]") -> int:
             ros_node("heli_pilot") as node,
             Pilot(namespace, wait_s=wait_s, context=node.context) as commander,
         ):
-            print(ask(commander), flush=True)
+            with _teller(quiet) as tell:
+                done = ask(commander, tell)
+            print(done, flush=True)
     except (FlightNotHeard, GoalRefused) as error:
         raise ValueError(str(error)) from error
     except GoalError as error:
@@ -59,19 +67,25 @@ def _fly(namespace: str, wait_s: float, ask: "Callable[[Pilot], str]") -> int:
     return 0
 
 
-def _teller(quiet: bool) -> "Callable[[Feedback], None]":
-    """Prints how a goal goes on, on one line of a terminal."""
-    shown = not quiet and sys.stderr.isatty()
+def _in_words(feedback: "Feedback") -> str:
+    """Where a goal is, on one line."""
+    left = "" if feedback.left_m is None else f", {feedback.left_m:.1f} m left"
+    east, north, up = feedback.pos_enu_m
+    place = f"{east:.1f} m east, {north:.1f} m north, {up:.1f} m high"
+    return f"{feedback.mode}: {place}{left}"
 
-    def tell(feedback: "Feedback") -> None:
-        if not shown:
-            return
-        left = "" if feedback.left_m is None else f", {feedback.left_m:.1f} m left"
-        east, north, up = feedback.pos_enu_m
-        place = f"{east:.1f} m east, {north:.1f} m north, {up:.1f} m high"
-        print(f"\r\x1b[K{feedback.mode}: {place}{left}\r", end="", file=sys.stderr, flush=True)
 
-    return tell
+@contextlib.contextmanager
+def _teller(quiet: bool) -> "Iterator[Callable[[Feedback], None]]":
+    """Shows how a goal goes on, in one line of the terminal, if there is one."""
+    from heli_flight.terminal import console
+
+    out = console(stderr=True)
+    if quiet or not out.is_terminal:
+        yield lambda feedback: None
+        return
+    with out.status("") as status:
+        yield lambda feedback: status.update(_in_words(feedback))
 
 
 @pilot.command(epilog=_epilog("heli takeoff", "heli takeoff 5 --namespace heli2"))
@@ -87,7 +101,7 @@ def takeoff(
     quiet: Quiet = False,
 ) -> int:
     """Have the aircraft take off and hover; ends when it does."""
-    return _fly(namespace, wait, lambda p: p.takeoff(height, on_feedback=_teller(quiet)))
+    return _fly(namespace, wait, quiet, lambda p, tell: p.takeoff(height, on_feedback=tell))
 
 
 @pilot.command(
@@ -108,14 +122,15 @@ def goto(
 ) -> int:
     """Fly to a point and hold it; ends when the aircraft is there."""
     return _fly(
-        namespace, wait, lambda p: p.goto(east, north, up, heading, on_feedback=_teller(quiet))
-    )
+        namespace, wait, quiet,
+        lambda p, tell: p.goto(east, north, up, heading, on_feedback=tell),
+    )  # fmt: skip
 
 
 @pilot.command(epilog=_epilog("heli land"))
 def land(namespace: Namespace = "", wait: Wait = 120.0, quiet: Quiet = False) -> int:
     """Have the aircraft land; ends when it stands."""
-    return _fly(namespace, wait, lambda p: p.land(on_feedback=_teller(quiet)))
+    return _fly(namespace, wait, quiet, lambda p, tell: p.land(on_feedback=tell))
 
 
 @pilot.command(epilog=_epilog("heli mode hover", "heli mode velocity"))
@@ -128,4 +143,4 @@ def mode(
     wait: Wait = 120.0,
 ) -> int:
     """Command a mode by its name; ends when it is obeyed."""
-    return _fly(namespace, wait, lambda p: p.mode(name))
+    return _fly(namespace, wait, True, lambda p, _: p.mode(name))
