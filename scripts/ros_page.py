@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from heli_actions.goals import Kind
-from heli_actions.node import PACKAGE, PREFIX, ActionsNode
+from heli_actions.interfaces import PACKAGE, PREFIX
+from heli_actions.node import ActionsNode
 from heli_bags.node import RecorderNode
 from heli_core.parameters import COMMON_TABLE, Parameter
 from heli_dynamics_sim.node import PlantNode
@@ -92,15 +93,16 @@ flight needs the last four.
 `excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token, and the outer loop for each command that it flies. Yours to send are `goto`, or by
-REP-147's name `command_pose`: a level pose in `map`, stamped with the flight's time
-(`examples/goto.py`);
+REP-147's name `command_pose`: a level pose in `map`, stamped with the flight's time,
+or with zero for now (`heli goto`, [Pilot](howto/pilot.md));
 `command_velocity`: in `map` (east, north, up) or in `base_link` (forward, left, up, level),
 angular x and y 0, renewed within `command.timeout_s` (`examples/velocity.py`);
 `command_attitude`: the attitude wanted, heading included, as `attitude_setpoint` has it, and
 beside it `command_climb`: linear z, up, all others 0; both renewed as often
 (`examples/attitude.py`); `joy`: axes and buttons as `joy.*` says, its stamp of any clock
 (`heli joy`); `goal`: a command and an id of yours as `joint_names`, `[takeoff, 17]`, answered by
-that id in `/diagnostics`, key `goals`: `takeoff`, `land` and `hold` without points, `goto` with one
+that id in `/diagnostics`, key `goals`: `takeoff` without points or with one whose z is its height
+above where it stands; `land`, `hold`, `velocity`, `attitude` and `manual` without; `goto` with one
 point that holds a pose, `follow` with those of a trajectory. `attitude_setpoint` and
 `collective` are what the outer loop tells the inner one: while it is not active, you may send both
 yourself. The recorder hears all but `scene`, the

@@ -22,7 +22,8 @@ from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
 from heli_actions.goals import Code, Kind
-from heli_actions.node import ActionsNode, Interfaces
+from heli_actions.interfaces import Interfaces
+from heli_actions.node import ActionsNode
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.node_process import run
 
@@ -62,7 +63,7 @@ class StandIns(Interfaces):
         at = pose.pose.position
         at.x, at.y, at.z = (float(goal.order // n % 100) for n in (10000, 100, 1))
         pose.pose.orientation.z = pose.pose.orientation.w = 0.5**0.5
-        return self._real.order(kind, SimpleNamespace(pose=pose), now_ns)
+        return self._real.order(kind, SimpleNamespace(pose=pose, height_m=0.0), now_ns)
 
     def feedback(self, kind, fields):
         words = self._real.feedback(kind, fields)
@@ -71,8 +72,8 @@ class StandIns(Interfaces):
         metres = [round(number * 100.0) for number in (at.x, at.y, at.z, left)]
         return Fibonacci.Feedback(sequence=[MODES.index(words.mode), *metres])
 
-    def result(self, kind, outcome, code, sentence):
-        words = self._real.result(kind, outcome, code, sentence)
+    def result(self, kind, outcome, code, sentence, cause):
+        words = self._real.result(kind, outcome, code, sentence, cause)
         numbers = [int(words.success), words.code, *words.message.encode()]
         return Fibonacci.Result(sequence=numbers)
 

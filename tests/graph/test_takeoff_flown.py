@@ -50,12 +50,26 @@ def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_e
     assert all(figure["label"] in done.stdout for figure in result["ground"])
 
 
+TEN_LINES = [[str(EXAMPLES / "ten_lines.py")]]
+CLIENT = [[str(EXAMPLES / "takeoff_goto_land.py"), "9", "6", "12"]]
+COMMANDS = [
+    ["-m", "heli_flight.cli.app", *words]
+    for words in (["takeoff", "6"], ["goto", "9", "6", "12", "--heading", "90"], ["land"])
+]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "example", [["takeoff_goto_land.py", "9", "6", "12"], ["ten_lines.py"]], ids=lambda e: e[0]
+    ("programs", "said"),
+    [
+        (TEN_LINES, ["takeoff", "land"]),
+        (CLIENT, ["takeoff", "goto", "land"]),
+        (COMMANDS, ["takeoff", "goto", "land"]),
+    ],
+    ids=["ten_lines", "client", "commands"],
 )
-def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path, example):
-    """The examples, beside an aircraft that waits on the ground."""
+def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path, programs, said):
+    """Beside an aircraft that waits on the ground."""
     folder = tmp_path / "f"
     flight = subprocess.Popen(
         [*BY_HAND, "--out", str(folder)],
@@ -64,19 +78,18 @@ def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path, example):
         stderr=subprocess.STDOUT,
         text=True,
     )
+    told = ""
     try:
-        pilot = subprocess.run(
-            [sys.executable, str(EXAMPLES / example[0]), *example[1:]],
-            env=ros_env,
-            capture_output=True,
-            text=True,
-            timeout=200,
-        )
+        for words in programs:
+            pilot = subprocess.run(
+                [sys.executable, *words], env=ros_env, capture_output=True, text=True, timeout=200
+            )
+            assert pilot.returncode == 0, pilot.stdout + pilot.stderr
+            told += pilot.stdout
         printed, _ = flight.communicate(timeout=200)
     finally:
         flight.kill()
-    assert pilot.returncode == 0, pilot.stdout + pilot.stderr
-    assert [line.split(":")[0] for line in pilot.stdout.splitlines()] == ["takeoff", "land"]
+    assert [line.split(":")[0] for line in told.splitlines()] == said
     assert flight.returncode == 0, printed
     settings = resolve("by_hand", gps="rtk", seed=5, duration_s=200.0)
     record = flight_from_bag(folder / "bag", settings).record

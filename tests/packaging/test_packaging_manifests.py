@@ -48,6 +48,7 @@ PIP_KEYS = {
 }
 # Released packages of jazzy/distribution.yaml, same commit and day.
 KNOWN_IN_JAZZY = {
+    "action_msgs",
     "ament_index_python",
     "diagnostic_msgs",
     "geometry_msgs",

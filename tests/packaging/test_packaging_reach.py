@@ -36,7 +36,6 @@ SET_FOR_OTHERS = {
     "STORAGE_PLUGINS": "rosbags.rosbag2.Reader",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
-    **dict.fromkeys(("height_left_m", "distance_left_m", "time_left_s"), "a message"),
     "markers": "a message", "hardware_id": "a message",
     "floating_point_range": "a message", "integer_range": "a message",
     **dict.fromkeys(("current_position", "current_velocity", "current_acceleration",
@@ -50,6 +49,8 @@ READ_BY_FIELD = {
     "force_per_w_sigma": "IdentifiedCollective, written by asdict",
 }
 OFFERED = {
+    "over_actions": "by a pilot in Python, to scripts (heli_actions.Pilot)",
+    "flown_mode": "by a pilot in Python, to scripts (heli_actions.Pilot)",
     "to_dataframe": "by scripts and notebooks that have pandas (heli)",
     "fuse_velocity": "to estimators of others (heli.Observer)",
 }

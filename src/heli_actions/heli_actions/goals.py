@@ -16,6 +16,7 @@ from heli_msgs_bridge.diagnostics import (
     GoalState,
     NodeState,
     goals_of,
+    offset_of,
 )
 
 # -------------------------------------------------------------------------------------------------
@@ -182,6 +183,8 @@ class FlightStatus:
         Navigated attitude, FRD to NED.
     mode, sentence : str
         Mode that is flown, and the outer loop's sentence.
+    facts : mapping
+        The outer loop's facts by name.
     answers : dict of GoalAnswer
         By id, what the outer loop says of goals.
     stood_down_m : float
@@ -197,10 +200,16 @@ class FlightStatus:
     quat: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
     mode: str = ""
     sentence: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
     answers: dict[str, GoalAnswer] = field(default_factory=dict)
     stood_down_m: float = 0.0
     odom_wall_s: float = 0.0
     outer_loop_wall_s: float = 0.0
+
+    @property
+    def ready(self) -> bool:
+        """Whether the outer loop has begun to hold a position, so that it can be commanded."""
+        return offset_of(self.facts) is not None
 
     def begin_anew(self) -> None:
         """Another flight: forget the past one, but not that something was heard just now."""
@@ -226,7 +235,7 @@ class FlightStatus:
     ) -> None:
         """What the outer loop says of itself; its facts by name."""
         self.outer_loop_ns, self.now_ns = stamp_ns, max(self.now_ns, stamp_ns)
-        self.outer_loop_wall_s = wall_s
+        self.outer_loop_wall_s, self.facts = wall_s, facts
         self.sentence, self.mode = sentence, facts.get(FACT_MODE, self.mode)
         self.answers = {answer.goal_id: answer for answer in goals_of(facts)}
 

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -21,30 +20,21 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from heli_actions.goals import (
     Code,
     FlightStatus,
-    GoalFeedback,
     GoalLimits,
     GoalManager,
-    GoalRequest,
     GoalStatus,
     Kind,
 )
+from heli_actions.interfaces import PREFIX, Interfaces, interface_types
 from heli_actions.parameters import NODE_NAME, TABLE
-from heli_core.rows import NAV, REFERENCE
-from heli_core.ticks import NS_PER_S
-from heli_msgs_bridge import frames, topics
-from heli_msgs_bridge.command_messages import decode_goto, decode_reference, encode_goal
-from heli_msgs_bridge.diagnostics import (
-    FACT_GOALS,
-    FACT_MODE,
-    Level,
-    NodeState,
-    state_of,
-)
+from heli_core.rows import NAV
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import encode_goal
+from heli_msgs_bridge.diagnostics import Level, outer_loop_of
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.topics import MAP
 
 # -------------------------------------------------------------------------------------------------
 # Action servers whose goals are ended from outside, in one thread.
@@ -121,103 +111,9 @@ def _end(outcome: GoalStatus, result: Any, goal_handle: Any) -> Any:
 
 
 # -------------------------------------------------------------------------------------------------
-# Between the actions' messages and the goal manager. The types are given: no ROS is imported here.
-# -------------------------------------------------------------------------------------------------
-
-PACKAGE = "heli_interfaces"
-NOT_BUILT = (
-    f"{PACKAGE} is not built: its types need ROS 2 from apt (colcon build, see the README of "
-    "heli_actions); without it command by the services takeoff, land and hold and the topic goto"
-)
-
-
-def interface_types() -> dict[Kind, Any]:
-    """The actions of heli_interfaces.
-
-    Raises
-    ------
-    LookupError
-        They are not built; with a sentence.
-    """
-    try:
-        module = import_module(f"{PACKAGE}.action")
-        return {kind: getattr(module, kind.capitalize()) for kind in Kind}
-    except (ImportError, AttributeError) as error:
-        raise LookupError(NOT_BUILT) from error
-
-
-class Interfaces:
-    """Orders out of goals, feedback and results into messages.
-
-    Parameters
-    ----------
-    types : mapping
-        Per kind its action: `ActiveGoal`, `GoalFeedback` and `Result` as heli_interfaces has them.
-    """
-
-    def __init__(self, types: Mapping[Kind, Any]) -> None:
-        self.types = types
-
-    def order(self, kind: Kind, goal: Any, now_ns: int) -> GoalRequest:
-        """What a goal asks for; a stamp of zero stands for now.
-
-        Raises
-        ------
-        MessageError
-            A frame, a number or an orientation that is not allowed.
-        """
-        if kind == Kind.GOTO:
-            _stamp(goal.pose.header, now_ns)
-            return GoalRequest(kind, decode_goto(goal.pose).pos_ned_m, message=goal.pose)
-        if kind == Kind.FOLLOW:
-            if goal.trajectory.header.frame_id != MAP:
-                frame = goal.trajectory.header.frame_id
-                raise MessageError(f"{kind}: frame '{frame}'; allowed: '{MAP}' (east, north, up)")
-            _stamp(goal.trajectory.header, now_ns)
-            way = decode_reference(goal.trajectory)
-            return GoalRequest(kind, way.points[-1, REFERENCE.pos], goal.trajectory)
-        return GoalRequest(kind)
-
-    def feedback(self, kind: Kind, feedback: GoalFeedback) -> Any:
-        """Feedback message of a goal."""
-        message = self.types[kind].Feedback()
-        message.mode = feedback.mode
-        header, pose = message.pose.header, message.pose.pose
-        header.frame_id = MAP
-        header.stamp.sec, header.stamp.nanosec = divmod(feedback.stamp_ns, NS_PER_S)
-        enu, q = np.empty(3), np.empty(4)
-        frames.ned_to_enu(feedback.pos_ned_m, enu)
-        frames.quat_ned_frd_to_enu_flu(feedback.quat, q)
-        pose.position.x, pose.position.y, pose.position.z = enu.tolist()
-        r = pose.orientation
-        r.x, r.y, r.z, r.w = q.tolist()
-        if kind in (Kind.TAKEOFF, Kind.LAND):
-            message.height_left_m = feedback.left_m
-        else:
-            message.distance_left_m = feedback.left_m
-        if kind != Kind.LAND:
-            message.time_left_s = feedback.left_s
-        return message
-
-    def result(self, kind: Kind, outcome: GoalStatus, code: Code, sentence: str) -> Any:
-        """Result message of a goal."""
-        message = self.types[kind].Result()
-        message.success = outcome == GoalStatus.SUCCEEDED
-        message.code, message.message = int(code), sentence
-        return message
-
-
-def _stamp(header: Any, now_ns: int) -> None:
-    if not header.stamp.sec and not header.stamp.nanosec:
-        header.stamp.sec, header.stamp.nanosec = divmod(now_ns, NS_PER_S)
-
-
-# -------------------------------------------------------------------------------------------------
 # Node.
 # -------------------------------------------------------------------------------------------------
 
-PREFIX = "actions"
-"""Of the actions' names: a service `takeoff` and a topic `goto` are there already."""
 _LOOK_S, _SLOW_PERIOD_S = 0.05, 1.0
 
 
@@ -310,9 +206,14 @@ class ActionsNode(ManagedNode[Serving, None]):
 
     def finish(self, key: str, outcome: GoalStatus, code: Code, sentence: str) -> None:
         """End a goal, aloud."""
+        answer = self.core.flight.answers.get(key)
+        cause = answer.cause if code == Code.REFUSED and answer is not None else ""
+        self._finish(key, outcome, code, sentence, cause)
+
+    def _finish(self, key: str, outcome: GoalStatus, code: Code, sentence: str, cause: str) -> None:
         core = self.core
         kind, handle = core.handles.pop(key)
-        result = core.interfaces.result(kind, outcome, code, sentence)
+        result = core.interfaces.result(kind, outcome, code, sentence, cause)
         core.servers[kind].finish(handle, outcome, result)
         line = f"{kind} {outcome} ({code.name}): {sentence}"
         # rclpy ties a severity to the calling line: two lines are needed.
@@ -330,7 +231,8 @@ class ActionsNode(ManagedNode[Serving, None]):
         try:
             order = core.interfaces.order(kind, handle.request, core.flight.now_ns)
         except MessageError as error:
-            self.finish(key, GoalStatus.ABORTED, Code.REFUSED, str(error))
+            cause = "" if error.cause is None else error.cause.name
+            self._finish(key, GoalStatus.ABORTED, Code.REFUSED, str(error), cause)
             return
         core.manager.accept(key, order)
 
@@ -343,17 +245,8 @@ class ActionsNode(ManagedNode[Serving, None]):
         self.core.newest = raw
 
     def _on_diagnostics(self, message: Any) -> None:
-        core, own_namespace = self.core, self.get_namespace().strip("/")
-        for status in message.status:
-            facts = {pair.key: pair.value for pair in status.values}
-            outer_loop = FACT_MODE in facts or FACT_GOALS in facts
-            if status.name.rpartition("/")[0].strip("/") != own_namespace or not outer_loop:
-                continue
-            if state_of(facts, status.message) == NodeState.INACTIVE:
-                facts[FACT_MODE] = NodeState.INACTIVE.value
-            stamp = message.header.stamp
-            stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
-            core.flight.diagnostics(stamp_ns, status.message, facts, time.monotonic())
+        for told in outer_loop_of(message, self.get_namespace()):
+            self.core.flight.diagnostics(told.stamp_ns, told.sentence, told.facts, time.monotonic())
 
     def _take_newest(self) -> None:
         core, raw = self.core, self.core.newest

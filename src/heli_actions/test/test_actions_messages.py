@@ -19,8 +19,15 @@ from rosidl_adapter.parser import parse_action_file
 from rosidl_parser.definition import Action, IdlLocator
 from rosidl_parser.parser import parse_idl_file
 
-from heli_actions.goals import Code, GoalFeedback, GoalStatus, Kind
-from heli_actions.node import NOT_BUILT, Interfaces, interface_types
+from heli_actions.goals import (
+    NOT_KNOWN,
+    Code,
+    GoalFeedback,
+    GoalRequest,
+    GoalStatus,
+    Kind,
+)
+from heli_actions.interfaces import NOT_BUILT, Interfaces, interface_types
 from heli_core.rotations import quat_from_euler
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
@@ -141,11 +148,23 @@ def test_feedback_fills_every_field(adapters, kind):
 
 
 @pytest.mark.parametrize("kind", Kind)
+def test_feedback_is_read_as_it_was_written(adapters, kind):
+    q = quat_from_euler(0.0, 0.0, 0.5)
+    given = GoalFeedback(3 * NS_PER_S + 5, "hover", np.array([1.0, 2.0, -3.0]), q, 4.5, 6.5)
+    read = adapters.read_feedback(kind, adapters.feedback(kind, given))
+    assert (read.stamp_ns, read.mode, read.left_m) == (given.stamp_ns, "hover", 4.5)
+    assert read.left_s == (NOT_KNOWN if kind == Kind.LAND else 6.5)
+    np.testing.assert_allclose(read.pos_ned_m, given.pos_ned_m)
+    np.testing.assert_allclose(np.abs(read.quat @ q), 1.0)
+
+
+@pytest.mark.parametrize("kind", Kind)
 def test_result(adapters, kind):
-    message = adapters.result(kind, GoalStatus.SUCCEEDED, Code.DONE, "there")
+    message = adapters.result(kind, GoalStatus.SUCCEEDED, Code.DONE, "there", "")
     assert (message.success, message.code, message.message) == (True, 0, "there")
-    message = adapters.result(kind, GoalStatus.ABORTED, Code.REPLACED, "left")
-    assert (message.success, message.code) == (False, 5)
+    message = adapters.result(kind, GoalStatus.ABORTED, Code.REFUSED, "no", "FENCE")
+    assert (message.success, message.code) == (False, 2)
+    assert adapters.read_result(kind, message) == (Code.REFUSED, "no", "FENCE")
 
 
 def pose_to(east, north, up, frame="map"):
@@ -196,12 +215,24 @@ def test_what_is_no_goal_is_told_and_sent_nowhere(adapters, types, pose, reason)
         adapters.order(Kind.GOTO, goal, NS_PER_S)
 
 
-@pytest.mark.parametrize("kind", [Kind.TAKEOFF, Kind.LAND])
-def test_the_others_are_empty(adapters, types, kind):
-    goal = types[kind].Goal()
-    assert not goal.__slots__
-    order = adapters.order(kind, goal, NS_PER_S)
-    assert (order.kind, order.end_ned_m, order.message) == (kind, None, None)
+def test_a_landing_is_empty_and_a_takeoff_may_be(adapters, types):
+    assert not types[Kind.LAND].Goal().__slots__
+    for kind in (Kind.TAKEOFF, Kind.LAND):
+        order = adapters.order(kind, types[kind].Goal(), NS_PER_S)
+        assert (order.kind, order.end_ned_m, order.message) == (kind, None, None)
+    goal = types[Kind.TAKEOFF].Goal()
+    goal.height_m = 6.5
+    assert adapters.order(Kind.TAKEOFF, goal, NS_PER_S).message == 6.5
+
+
+def test_goals_are_read_as_they_were_written(adapters):
+    trajectory = encode_reference(Trajectory(NS_PER_S, np.array([0, 4]), np.zeros((2, 7))))
+    for kind, message in (
+        (Kind.TAKEOFF, 6.5), (Kind.GOTO, pose_to(8.0, 6.0, 10.0)), (Kind.FOLLOW, trajectory),
+        (Kind.LAND, None),
+    ):  # fmt: skip
+        goal = adapters.goal(GoalRequest(kind, message=message))
+        assert adapters.order(kind, goal, NS_PER_S).message == message
 
 
 def test_a_misspelt_field_would_fail(types):

@@ -10,7 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
 from heli_actions.goals import Code, GoalRequest, Kind
-from heli_actions.node import ActionsNode, Interfaces
+from heli_actions.interfaces import Interfaces
+from heli_actions.node import ActionsNode
 from heli_msgs_bridge.diagnostics import FACT_GOALS, GoalAnswer, GoalState, goals_text
 from heli_msgs_bridge.layouts import MessageError
 
@@ -28,7 +29,7 @@ class StandIns(Interfaces):
             raise MessageError("seven; allowed: others")
         return GoalRequest(kind)
 
-    def result(self, kind, outcome, code, sentence):
+    def result(self, kind, outcome, code, sentence, cause):
         return Fibonacci.Result(sequence=[int(code)])
 
 

@@ -59,6 +59,8 @@ class FlightRecord:
     failsafe : (N,) ndarray of str, optional
         What the position loop did by itself for want of a position or a vertical speed, names of
         `heli_outer_pd.failsafes.Action`; None where it never did anything.
+    takeoff_height_m : (N,) ndarray, optional
+        Height of the newest take-off that had one of its own, NaN before; None where none had.
     """
 
     time_s: np.ndarray
@@ -84,6 +86,7 @@ class FlightRecord:
     imu: np.ndarray | None = None
     mode: np.ndarray | None = None
     failsafe: np.ndarray | None = None
+    takeoff_height_m: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.time_s.size

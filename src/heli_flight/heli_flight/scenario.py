@@ -391,9 +391,9 @@ def ground_figures(record: FlightRecord, gear: Gear) -> list[GroundFigure]:
         lift, touch = flown
         pos, tilt = record.truth_pos_ned_m, np.degrees(np.abs(euler_angles(record.truth_q_nb)))
         values[_TAKEOFF_SKID] = _farthest(pos[: lift + 1])
-        height = _height(record)
-        if height is not None:
-            values[_HEIGHT] = abs(height - gear.height_m)
+        climb = _climb(record, gear)
+        if climb is not None:
+            values[_HEIGHT] = abs(climb[0] - climb[1])
         if touch < len(record):
             values[_SPEED] = float(record.truth_vel_ned_mps[touch - 1, 2])
             values[_LANDING_SKID] = _farthest(pos[touch:])
@@ -410,8 +410,11 @@ def _begins_by_hand(record: FlightRecord) -> bool:
     return bool(began.size and began[0] == "manual")
 
 
-def _height(record: FlightRecord) -> float | None:
-    """Height at which the climb was done, above the start, by the navigation record, m."""
+def _climb(record: FlightRecord, gear: Gear) -> tuple[float, float] | None:
+    """Height at which the climb was done, above the start, by the navigation record, and asked, m.
+
+    Asked is what the take-off had of its own, else the gear's.
+    """
     if record.mode is None:
         return None
     # Only a hover is open to a goal; a pilot who asks for one without end ends it within a tick.
@@ -421,7 +424,10 @@ def _height(record: FlightRecord) -> float | None:
     if not hovers.size or not began.size:
         return None
     down = record.nav_pos_ned_m[:, 2]
-    return float(down[began[0]] - down[hovers[0]])
+    own = record.takeoff_height_m
+    told = own is not None and np.isfinite(own[hovers[0]])
+    asked = float(own[hovers[0]]) if own is not None and told else gear.height_m
+    return float(down[began[0]] - down[hovers[0]]), asked
 
 
 def _farthest(pos_ned_m: NDArray[np.float64]) -> float:

@@ -65,6 +65,14 @@ def test_each_figure_is_what_was_built_in():
     assert all(figure.inside for figure in figures.values())
 
 
+def test_a_takeoff_is_judged_by_its_own_height_where_it_had_one():
+    own = np.full(N, np.nan)
+    own[LIFTED:] = 9.0
+    flown = replace(record(), takeoff_height_m=own)
+    values = {figure.metric.key: figure.value for figure in ground_figures(flown, gear())}
+    assert values["takeoff_height"] == pytest.approx(1.25)
+
+
 def test_a_pilot_whose_goal_waits_leaves_no_hover_behind_the_climb():
     """The goal is taken in the very tick of the first hover, which then no record has."""
     on = record()

@@ -377,12 +377,19 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
 # trajectory to follow, one with the pose of a goto, none of a command without an argument.
 # -------------------------------------------------------------------------------------------------
 
-_GOTO, _FOLLOW, _PLAIN = "goto", "follow", ("takeoff", "land", "hold")
+_TAKEOFF, _GOTO, _FOLLOW = "takeoff", "goto", "follow"
+_PLAIN = ("land", "hold", "velocity", "attitude", "manual")
+PLAIN_COMMANDS = (_TAKEOFF, *_PLAIN)
+"""Commands that need nothing beside their name."""
 _MOST_ID = 64
 
 
 class GoalCommand(NamedTuple):
-    """A command, its id, and what it holds: a `PoseStamped`, a reference message, or nothing."""
+    """A command, its id, and what it holds.
+
+    A goto holds a `PoseStamped`, a trajectory to follow a reference message, a take-off its height
+    above where it stands, m, if it has one of its own; all others nothing (None).
+    """
 
     command: str
     goal_id: str
@@ -395,10 +402,10 @@ def encode_goal(command: str, goal_id: str, argument: Any = None) -> Any:
     Parameters
     ----------
     command : str
-        `takeoff`, `land`, `hold`, `goto` or `follow`.
+        `takeoff`, `goto`, `follow`, `land`, `hold`, `velocity`, `attitude` or `manual`.
     goal_id : str
-    argument : PoseStamped or MultiDOFJointTrajectory, optional
-        Of a goto, of a trajectory to follow.
+    argument : PoseStamped, MultiDOFJointTrajectory or float, optional
+        Of a goto; of a trajectory to follow; of a take-off its height above where it stands, m.
     """
     from geometry_msgs.msg import Transform
     from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -407,6 +414,12 @@ def encode_goal(command: str, goal_id: str, argument: Any = None) -> Any:
     message.joint_names = [command, goal_id]
     if argument is None:
         message.header.frame_id = MAP
+        return message
+    if command == _TAKEOFF:
+        up = Transform()
+        up.translation.z = float(argument)
+        message.header.frame_id = MAP
+        message.points = [MultiDOFJointTrajectoryPoint(transforms=[up])]
         return message
     message.header = argument.header
     if command == _FOLLOW:
@@ -426,13 +439,13 @@ def decode_goal(message: Any) -> GoalCommand:
     Raises
     ------
     MessageError
-        No command and id, or not the points that the command needs.
+        No command and id, not the points that the command needs, or a height that is none.
     """
     from geometry_msgs.msg import PoseStamped
     from trajectory_msgs.msg import MultiDOFJointTrajectory
 
     name, joint_names = topics.GOAL, list(message.joint_names[:2])
-    commands = (*_PLAIN, _GOTO, _FOLLOW)
+    commands = (_TAKEOFF, _GOTO, _FOLLOW, *_PLAIN)
     if (
         len(joint_names) < 2
         or joint_names[0] not in commands
@@ -458,6 +471,8 @@ def decode_goal(message: Any) -> GoalCommand:
         )
     if command in _PLAIN:
         return GoalCommand(command, goal_id, None)
+    if command == _TAKEOFF and not message.points:
+        return GoalCommand(command, goal_id, None)
     if len(message.points) != 1 or len(message.points[0].transforms) != 1:
         raise MessageError(
             f"{command} without a pose; expected one point with one",
@@ -466,6 +481,17 @@ def decode_goal(message: Any) -> GoalCommand:
             value=len(message.points),
         )
     place, pose = message.points[0].transforms[0], PoseStamped(header=message.header)
+    if command == _TAKEOFF:
+        height_m = float(place.translation.z)
+        if not math.isfinite(height_m):
+            raise MessageError(
+                f"{command} to a height of {height_m} m",
+                MessageCause.NOT_FINITE,
+                topic=name,
+                value=height_m,
+                allowed=_FINITE,
+            )
+        return GoalCommand(command, goal_id, height_m)
     p, at = pose.pose.position, place.translation
     p.x, p.y, p.z, pose.pose.orientation = at.x, at.y, at.z, place.rotation
     return GoalCommand(command, goal_id, pose)

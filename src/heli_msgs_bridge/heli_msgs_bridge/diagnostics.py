@@ -8,10 +8,10 @@ repeated once per second of wall time, so that whoever watches never takes the n
 
 import contextlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import IntEnum, StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from heli_core.foreign_files import load_json
 from heli_core.ticks import NS_PER_S, TICKS_PER_S
@@ -24,6 +24,8 @@ FACT_MODE = "mode"
 FACT_FAILSAFE = "failsafe"
 """What the outer loop calls what it does by itself, a name of `heli_outer_pd.failsafes.Action`;
 what it says changes with it."""
+FACT_CLIMB = "takeoff_height_m"
+"""What the outer loop calls the height of the newest take-off that had one of its own, m."""
 FACT_WAYS = "reference_since_ns"
 """What the outer loop calls its newest references, each as the flight's time from which it counts,
 ns, and its `heli_msgs_bridge.command_messages.key_of`."""
@@ -54,6 +56,13 @@ def offset_of(facts: Mapping[str, str]) -> tuple[float, float, float] | None:
     with contextlib.suppress(*_UNREADABLE):
         north, east, down = load_json(facts[FACT_OFFSET])
         return float(north), float(east), float(down)
+    return None
+
+
+def climb_of(facts: Mapping[str, str]) -> float | None:
+    """The own height of a take-off that the outer loop tells, m; None if it tells none."""
+    with contextlib.suppress(*_UNREADABLE):
+        return float(facts[FACT_CLIMB])
     return None
 
 
@@ -165,6 +174,10 @@ class GoalAnswer:
         known yet.
     end_ns : int or None
         When, a stamp.
+    cause : str
+        Why it is refused, for programs: the name of a `heli_outer_pd.modes.RefusalCause` or
+        `Guard`, of a `heli_core.errors.PathCause` or a `heli_msgs_bridge.layouts.MessageCause`;
+        empty where it is not refused.
     """
 
     goal_id: str
@@ -173,6 +186,7 @@ class GoalAnswer:
     sentence: str
     end_ned_m: list[float] | None = None
     end_ns: int | None = None
+    cause: str = ""
 
 
 def goals_text(answers: Iterable[GoalAnswer]) -> str:
@@ -188,6 +202,30 @@ def goals_of(facts: Mapping[str, str]) -> list[GoalAnswer]:
             answer.state = GoalState(answer.state)
         return answers
     return []
+
+
+class OuterLoopTold(NamedTuple):
+    """What the outer loop says of itself: stamp, ns; one sentence; its facts by name."""
+
+    stamp_ns: int
+    sentence: str
+    facts: dict[str, str]
+
+
+def outer_loop_of(message: Any, namespace: str) -> Iterator[OuterLoopTold]:
+    """What a DiagnosticArray says of the outer loop of the aircraft in a namespace.
+
+    An outer loop that is not active flies the mode `inactive`.
+    """
+    stamp_ns = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+    for status in message.status:
+        facts = {pair.key: pair.value for pair in status.values}
+        outer_loop = FACT_MODE in facts or FACT_GOALS in facts
+        if status.name.rpartition("/")[0].strip("/") != namespace.strip("/") or not outer_loop:
+            continue
+        if state_of(facts, status.message) == NodeState.INACTIVE:
+            facts[FACT_MODE] = NodeState.INACTIVE.value
+        yield OuterLoopTold(stamp_ns, status.message, facts)
 
 
 class Level(IntEnum):

@@ -5,7 +5,8 @@ Each is done, or refused in one sentence and the flight goes on as before.
 """
 
 from collections.abc import Callable
-from typing import Any
+from enum import Enum
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,6 +59,19 @@ _BY_MESSAGES = (
 )
 
 
+class Answer(NamedTuple):
+    """Whether a command is done, a sentence, and the name of the cause if it is not."""
+
+    done: bool
+    sentence: str
+    cause: str = ""
+
+    @classmethod
+    def refused(cls, sentence: str, cause: Enum | None) -> "Answer":
+        """It is not done."""
+        return cls(False, sentence, "" if cause is None else cause.name)
+
+
 class Commands:
     """Commands of a node `outer_loop`.
 
@@ -94,22 +108,23 @@ class Commands:
 
         return take
 
-    def _go_to(self, message: Any, topic: str) -> tuple[bool, str]:
+    def _go_to(self, message: Any, topic: str) -> Answer:
         """Whether a pose is flown to, and a sentence: where it is, or why not."""
-        node = self._node
+        node, answer = self._node, None
         try:
             refused = self._do(Command.GOTO, self._goal_of(message, topic))
-            sentence = "" if refused is None else refused.sentence
+            if refused is not None:
+                answer = Answer.refused(refused.sentence, refused.cause)
         except MessageError as error:
-            sentence = str(error)
+            answer = Answer.refused(str(error), error.cause)
         except ReferenceRefused as error:
-            sentence = f"{topic}: {error}"
-        if sentence:
-            node.refuse_aloud(topic, sentence)
-            return False, sentence
+            answer = Answer.refused(f"{topic}: {error}", error.cause)
+        if answer is not None:
+            node.refuse_aloud(topic, answer.sentence)
+            return answer
         sentence = f"{topic}: {self.fly(node.run.phases.trajectory)}"
         node.get_logger().info(sentence)
-        return True, sentence
+        return Answer(True, sentence)
 
     def on_goal(self, message: Any) -> None:
         """Do what a command with an id asks, or refuse it; answer by the id, in /diagnostics."""
@@ -123,16 +138,16 @@ class Commands:
             return  # it is sent again until it is answered
         match asked := Command(command):
             case Command.GOTO:
-                done, sentence = self._go_to(argument, topics.GOTO)
+                answer = self._go_to(argument, topics.GOTO)
             case Command.FOLLOW:
-                done, sentence = node.follow_goal(argument)
+                answer = node.follow_goal(argument)
             case _:
-                done, sentence = self._asked(asked)
-                self._log(done, sentence)
-        if done:
-            goals.begin(goal_id, asked, sentence, node.run.phases)
+                answer = self._asked(asked, argument)
+                self._log(answer.done, answer.sentence)
+        if answer.done:
+            goals.begin(goal_id, asked, answer.sentence, node.run.phases)
         else:
-            goals.refuse(goal_id, asked, sentence)
+            goals.refuse(goal_id, asked, answer.sentence, answer.cause)
         node.tell_goals()
 
     def on_velocity(self, message: Any) -> None:
@@ -235,7 +250,7 @@ class Commands:
         """The callback of a command's service: done, or refused, in a sentence."""
 
         def answer(request: Any, response: Any) -> Any:
-            response.success, response.message = self._asked(command)
+            response.success, response.message, _ = self._asked(command)
             self._log(response.success, response.message)
             return response
 
@@ -283,22 +298,25 @@ class Commands:
 
     def _obey(self, command: Command, source: str) -> None:
         """Do what nobody waits for an answer to."""
-        done, sentence = self._asked(command)
-        if done:
-            self._node.get_logger().info(f"{source}: {sentence}")
+        answer = self._asked(command)
+        if answer.done:
+            self._node.get_logger().info(f"{source}: {answer.sentence}")
         else:
-            self._node.refuse_aloud(source, f"{source}: {sentence}")
+            self._node.refuse_aloud(source, f"{source}: {answer.sentence}")
 
-    def _asked(self, command: Command) -> tuple[bool, str]:
-        """Whether a command is done, and a sentence: what follows, or why not."""
+    def _asked(self, command: Command, height_m: float | None = None) -> Answer:
+        """Whether a command is done, and a sentence: what follows, or why not.
+
+        A take-off may have a height of its own.
+        """
         try:
             self._check_held()
-            refused = self._do(command)
+            refused = self._do(command) if height_m is None else self._take_off(height_m)
         except ReferenceRefused as error:
-            return False, f"{command}: {error}"
+            return Answer.refused(f"{command}: {error}", error.cause)
         if refused is not None:
-            return False, refused.sentence
-        return True, f"{command}: {self._done(command)}"
+            return Answer.refused(refused.sentence, refused.cause)
+        return Answer(True, f"{command}: {self._done(command)}")
 
     def _log(self, done: bool, sentence: str) -> None:
         logger = self._node.get_logger()
@@ -310,14 +328,14 @@ class Commands:
 
     # --- references ------------------------------------------------------------------------------
 
-    def refusal_of_reference(self) -> str:
-        """Why no reference is followed now; empty if one is."""
+    def refusal_of_reference(self) -> Refusal | None:
+        """Why no reference is followed now; None if one is."""
         phases = self._node.run.phases
         fails = {Guard.NAVIGATION} if phases.lost else set[Guard]()
         if phases.fence_distance_m > 0.0:
             fails.add(Guard.FENCE)
         decision = decide(phases.phase, Command.FOLLOW, fails)
-        return decision.sentence if isinstance(decision, Refusal) else ""
+        return decision if isinstance(decision, Refusal) else None
 
     def fly(self, trajectory: Trajectory) -> str:
         """Follow a way from now on and tell it as a reference; a sentence about its end."""
@@ -344,7 +362,7 @@ class Commands:
         if command == Command.TAKEOFF:
             return (
                 f"collective in {numbers.spool_up_ns / NS_PER_S:g} s, then up by "
-                f"{numbers.height_m:g} m at {numbers.climb.climb_mps:g} m/s"
+                f"{phases.climb_m:g} m at {numbers.climb.climb_mps:g} m/s"
             )
         if command == Command.LAND and phases.phase.on_ground:
             return "take-off broken off, the collective goes down"
@@ -364,6 +382,12 @@ class Commands:
         now_ns, nav = node.stamp_ns(node.tick), node.core.nav
         return self._disarmed(command) or node.run.phases.command(command, now_ns, nav, goal)
 
+    def _take_off(self, height_m: float) -> Refusal | None:
+        node = self._node
+        now_ns, nav = node.stamp_ns(node.tick), node.core.nav
+        refused = self._disarmed(Command.TAKEOFF)
+        return refused or node.run.phases.take_off(height_m, now_ns, nav)
+
     def _disarmed(self, command: Command) -> Refusal | None:
         """Why nothing that raises the collective is done while it stands disarmed."""
         node = self._node
@@ -374,10 +398,14 @@ class Commands:
         return Refusal(command.value, cause, cause.value, (ARM,))
 
     def _goal_of(self, message: Any, topic: str) -> tuple[np.ndarray, float]:
-        """Position and heading; MessageError or ReferenceRefused says why there are none."""
+        """Position and heading; MessageError or ReferenceRefused says why there are none.
+
+        A stamp of zero stands for now.
+        """
         goal = decode_goto(message, topic)
         self._check_held()
-        self._check_stamp(topic, goal.stamp_ns, self._node.values["goto.max_age_s"])
+        if goal.stamp_ns != 0:
+            self._check_stamp(topic, goal.stamp_ns, self._node.values["goto.max_age_s"])
         return goal.pos_ned_m, goal.psi_rad
 
     def _check_stamp(self, topic: str, stamp_ns: int, most_s: float) -> None:

@@ -45,9 +45,10 @@ class Goals:
         """All answers as a value of `FACT_GOALS`; empty if there is none."""
         return goals_text(self._answers.values()) if self._answers else ""
 
-    def refuse(self, goal_id: str, command: Command, sentence: str) -> None:
-        """A goal is not done; what is under way goes on."""
-        self._add(GoalAnswer(goal_id, command.value, GoalState.REFUSED, sentence))
+    def refuse(self, goal_id: str, command: Command, sentence: str, cause: str) -> None:
+        """A goal is not done, for a cause by its name; what is under way goes on."""
+        answer = GoalAnswer(goal_id, command.value, GoalState.REFUSED, sentence, cause=cause)
+        self._add(answer)
 
     def begin(self, goal_id: str, command: Command, sentence: str, phases: Phases) -> None:
         """A goal has been obeyed: it takes the place of the one that was under way."""

@@ -330,6 +330,20 @@ class PhaseNumbers:
         )
 
 
+HEIGHT_M = (1.0, 100.0)
+"""Least and greatest height of the hover after a take-off, above where it stood."""
+
+
+def judge_height(height_m: float) -> None:
+    """ReferenceRefused unless a take-off may climb to this height, m, above where it stands."""
+    least, most = HEIGHT_M
+    if not least <= height_m <= most:
+        raise ReferenceRefused(
+            RefusalCause.ALTITUDE,
+            f"a climb to {height_m:g} m above the ground; allowed: {least:g} to {most:g} m",
+        )
+
+
 def trajectory_here(nav: Array, start_ns: int) -> Trajectory:
     """To stand where a navigation row is, as it points; stamped with flight time 0."""
     psi = euler_from_quat(nav[NAV.quat])[2]

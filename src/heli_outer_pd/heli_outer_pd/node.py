@@ -19,6 +19,7 @@ from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import decode_reference, encode_reference, key_of
 from heli_msgs_bridge.diagnostics import (
+    FACT_CLIMB,
     FACT_FAILSAFE,
     FACT_GOALS,
     FACT_LAW_FAILED,
@@ -34,7 +35,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.services import MOST_WAY_BYTES
 from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent, TopicSenders
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
-from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
+from heli_outer_pd.commands import ARM, MODE, SERVED, Answer, Commands
 from heli_outer_pd.goals import Goals
 from heli_outer_pd.goto import Goto, PhaseNumbers, outside
 from heli_outer_pd.joystick import StickMap
@@ -259,19 +260,23 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             return
         # Now: who sends once is gone when one looks later.
         self._name_commanders()
-        trajectory, why = self._judged_reference(message)
-        first = core.reference is None
-        if not why and self.active and not first:
-            why = core.commands.refusal_of_reference()
-        if why:
-            self.refuse_aloud(topics.REFERENCE, why)
+        trajectory, refused = self._judged_reference(message)
+        if refused is None and self.active and core.reference is not None:
+            refused = self._refused_now()
+        if refused is not None:
+            self.refuse_aloud(topics.REFERENCE, refused.sentence)
             return
         core.followed.append(key)
         core.trajectories.append((self.stamp_ns(self.tick + 1), key))
         self._follow_reference(trajectory)
 
-    def _judged_reference(self, message: Any) -> tuple[Trajectory, str]:
-        """The way of a message; why it cannot be followed, or an empty sentence."""
+    def _refused_now(self) -> Answer | None:
+        """Why no reference is followed now; None if one is."""
+        refused = self.core.commands.refusal_of_reference()
+        return None if refused is None else Answer.refused(refused.sentence, refused.cause)
+
+    def _judged_reference(self, message: Any) -> tuple[Trajectory, Answer | None]:
+        """The way of a message; why it cannot be followed, or None."""
         core = self.core
         try:
             trajectory = decode_reference(message, self.get_namespace())
@@ -280,10 +285,10 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             )
             core.limits.judge(trajectory, home, self.stamp_ns(self.tick))
         except MessageError as error:
-            return _NOWHERE, str(error)
+            return _NOWHERE, Answer.refused(str(error), error.cause)
         except ReferenceRefused as error:
-            return _NOWHERE, f"{topics.REFERENCE}: {error}"
-        return trajectory, ""
+            return _NOWHERE, Answer.refused(f"{topics.REFERENCE}: {error}", error.cause)
+        return trajectory, None
 
     def _follow_reference(self, planned: Trajectory) -> None:
         core = self.core
@@ -294,23 +299,24 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             self._as_given(planned)
         core.pace.resume()
 
-    def follow_goal(self, message: Any) -> tuple[bool, str]:
+    def follow_goal(self, message: Any) -> Answer:
         """Whether the reference of a goal is followed, told then as one; and a sentence."""
         core = self.core
-        trajectory, why = self._judged_reference(message)
-        if not why:
-            inactive = f"{topics.REFERENCE}: {RefusalCause.INACTIVE.value}"
-            why = core.commands.refusal_of_reference() if self.active else inactive
-        if why:
-            self.refuse_aloud(topics.REFERENCE, why)
-            return False, why
+        trajectory, refused = self._judged_reference(message)
+        if refused is None:
+            cause = RefusalCause.INACTIVE
+            inactive = Answer.refused(f"{topics.REFERENCE}: {cause.value}", cause)
+            refused = self._refused_now() if self.active else inactive
+        if refused is not None:
+            self.refuse_aloud(topics.REFERENCE, refused.sentence)
+            return refused
         reference = encode_reference(trajectory, self.get_namespace())
         key = key_of(reference)
         core.unheard_keys.append(key)
         core.trajectories.append((self.stamp_ns(self.tick + 1), key))
         self._follow_reference(trajectory)
         core.send_trajectory(reference)
-        return True, f"{topics.REFERENCE}: followed"
+        return Answer(True, f"{topics.REFERENCE}: followed")
 
     def tell_goals(self) -> None:
         """Say what has become of goals, at once."""
@@ -495,6 +501,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state.x[MEMORY.disturbance], 4).tolist(),
                 **self._goal_facts(),
+                **({} if phases.own_climb_m is None else {FACT_CLIMB: phases.own_climb_m}),
                 **({FACT_LAW_FAILED: core.flies.failure} if core.flies.failure else {}),
             }
             self.warn_or_ok(level, message, facts)

@@ -11,7 +11,7 @@ from heli_core.parameters import Parameter
 from heli_core.rows import SETPOINT
 from heli_core.signals import SweepParams
 from heli_core.ticks import NS_PER_S, TICK_S
-from heli_outer_pd.goto import FIXED, HEADINGS, WIND
+from heli_outer_pd.goto import FIXED, HEADINGS, HEIGHT_M, WIND
 from heli_outer_pd.joystick import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
 from heli_outer_pd.manual import STICK_ROWS
 from heli_outer_pd.script import SCRIPT_ROWS
@@ -169,7 +169,7 @@ TABLE: tuple[Parameter, ...] = (
     _row("start.on_ground", "bool", "Begin standing on the skids, and wait for a take-off",
          read_only=True),
     _row("takeoff.height_m", "double", "Height of the hover after a take-off, above where it stood",
-         "m", lower=1.0, upper=100.0),
+         "m", lower=HEIGHT_M[0], upper=HEIGHT_M[1]),
     _row("takeoff.climb_mps", "double", "Largest speed of the climb to it", "m/s",
          lower=0.1, upper=5.0),
     _row("takeoff.idle_collective", "double", "Collective on the ground", "",

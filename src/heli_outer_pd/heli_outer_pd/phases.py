@@ -9,7 +9,7 @@ ROS.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +24,7 @@ from heli_outer_pd.goto import (
     WIND,
     Goto,
     PhaseNumbers,
+    judge_height,
     left,
     trajectory_down,
     trajectory_here,
@@ -229,6 +230,8 @@ class Phases:
         So far the aircraft is outside the fence.
     sticks : StickFlight
         Who leads in the modes `attitude` and `manual`.
+    own_climb_m : float or None
+        Height of the newest take-off above where it stood, if it had one of its own.
     remarks : list of str
         Orders that were refused.
     """
@@ -252,9 +255,15 @@ class Phases:
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self.cruise_ns, self.sticks = TouchDown(), start_ns, StickFlight(state)
+        self.own_climb_m: float | None = None
         if numbers.on_ground:
             state.x[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
+
+    @property
+    def climb_m(self) -> float:
+        """Height to which a take-off climbs, above where it stood, m."""
+        return self.numbers.height_m if self.own_climb_m is None else self.own_climb_m
 
     @property
     def leaving(self) -> bool:
@@ -326,6 +335,21 @@ class Phases:
         if refused is None:
             self._orders.sticks.cruise = None
         return refused
+
+    def take_off(self, height_m: float, now_ns: int, nav: Array) -> Refusal | None:
+        """Take off to a height of its own above where it stands, m.
+
+        A refused one, and ReferenceRefused where the height is not allowed, change nothing.
+        """
+        decision = decide(self.phase, Command.TAKEOFF, self.fails(now_ns, nav))
+        if isinstance(decision, Refusal):
+            return decision
+        judge_height(height_m)
+        end_ned_m = nav[NAV.pos] - [0.0, 0.0, height_m]
+        self.fence.judge_place("the end of the climb", end_ned_m, self.home_ned_m)
+        self.command(Command.TAKEOFF, now_ns, nav)
+        self.own_climb_m = height_m
+        return None
 
     def command(
         self, command: Command, now_ns: int, nav: Array, goal: tuple[Array, float] | None = None
@@ -514,11 +538,14 @@ class Phases:
         begins = steered or event != Fact.ARRIVED
         ramp = abs(n.idle_collective - self.params.trim[SETPOINT.col])
         match phase:
+            case Phase.SPOOLING:
+                self.own_climb_m = None
             case Phase.LIFTING:
                 self._stance = lean(nav, self.params)
                 self._stand(self.params.trim[SETPOINT.col], ramp / n.up_ramp_s)
             case Phase.CLIMBING:
-                self.trajectory = trajectory_up(n, nav, now_ns, self._start_ns)
+                up = replace(n, height_m=self.climb_m)
+                self.trajectory = trajectory_up(up, nav, now_ns, self._start_ns)
                 self._state.machine[MACHINE.guidance] = LEAVES
             case Phase.HOVER if begins and not self.lost:
                 ground = self.ground_down_m

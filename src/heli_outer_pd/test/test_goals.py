@@ -16,9 +16,9 @@ from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import encode_goal, encode_reference, key_of
 from heli_msgs_bridge.diagnostics import FACT_GOALS, FACT_WAYS, GoalState, goals_of
-from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.layouts import CHANNELS, MessageCause
 from heli_outer_pd.goals import Goals
-from heli_outer_pd.modes import Command, Fact, Phase, RefusalCause
+from heli_outer_pd.modes import Command, Fact, Guard, Phase, RefusalCause
 from heli_outer_pd.node import OuterLoopNode
 
 HOVER = np.array([0.0, 0.0, -10.0])
@@ -135,10 +135,12 @@ def test_what_is_refused_is_answered_in_the_words_of_the_topic(hovering):
     trajectory = hovering.node.run.diverted
     low = hovering.goal("goto", "low", hovering.pose((0.0, 0.0, 1.9)))
     assert low.state == GoalState.REFUSED and " 1.9 m " in low.sentence
+    assert low.cause == RefusalCause.ALTITUDE.name
     assert hovering.node.health.facts["refused.goto"] == f"1; {low.sentence}"
     up = hovering.goal("takeoff", "up")
     assert up.state == GoalState.REFUSED
     assert up.sentence.startswith(f"takeoff: {RefusalCause.AIRBORNE.value}; allowed: ")
+    assert up.cause == RefusalCause.AIRBORNE.name
     assert hovering.node.run.diverted is trajectory and hovering.answer().state == GoalState.ACTIVE
 
 
@@ -158,15 +160,20 @@ def test_a_trajectory_is_followed_and_told_as_a_reference(hovering, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("change", "beginning"),
+    ("change", "beginning", "cause"),
     [
-        ({"up_m": 500.0}, "reference: "),
-        ({"names": ["other/base_link"]}, "reference: for 'other/base_link'; allowed: "),
+        ({"up_m": 500.0}, "reference: ", RefusalCause.ALTITUDE),
+        (
+            {"names": ["other/base_link"]},
+            "reference: for 'other/base_link'; allowed: ",
+            MessageCause.AIRCRAFT,
+        ),
     ],
 )
-def test_a_trajectory_that_is_refused(hovering, change, beginning):
+def test_a_trajectory_that_is_refused(hovering, change, beginning, cause):
     answer = hovering.goal("follow", "a", hovering.trajectory(**change))
     assert answer.state == GoalState.REFUSED and answer.sentence.startswith(beginning)
+    assert answer.cause == cause.name
     assert hovering.node.core.reference is None
 
 
@@ -185,6 +192,51 @@ def test_what_is_not_active_answers_too(bench, command):
     answer = sender.goal(command, "a", argument)
     assert answer.state == GoalState.REFUSED
     assert answer.sentence.endswith(f": {RefusalCause.INACTIVE.value}")
+    assert answer.cause == RefusalCause.INACTIVE.name
+
+
+def test_a_goto_without_a_stamp_is_of_now(hovering):
+    """As `ros2 topic pub --once` sends it."""
+    message = hovering.pose()
+    message.header.stamp.sec, message.header.stamp.nanosec = 0, 0
+    assert hovering.goal("goto", "a", message).state == GoalState.ACTIVE
+    stale = hovering.goal("goto", "b", hovering.pose(late_s=-3600.0))
+    assert stale.state == GoalState.REFUSED
+
+
+def test_a_takeoff_has_a_height_of_its_own_once(standing):
+    packaged_m = standing.node.values["takeoff.height_m"]
+    answer = standing.goal("takeoff", "a", 6.5)
+    assert answer.state == GoalState.ACTIVE and " 6.5 m " in answer.sentence
+    assert standing.node.run.phases.climb_m == 6.5
+    assert standing.goal("land", "b").state == GoalState.SUCCEEDED
+    assert standing.goal("takeoff", "c").state == GoalState.ACTIVE
+    assert standing.node.run.phases.climb_m == packaged_m
+
+
+@pytest.mark.parametrize("height_m", [0.5, -3.0, 500.0])
+def test_a_height_that_no_takeoff_may_have(standing, height_m):
+    answer = standing.goal("takeoff", "a", height_m)
+    assert (answer.state, answer.cause) == (GoalState.REFUSED, RefusalCause.ALTITUDE.name)
+    assert standing.node.run.phases.phase == Phase.STANDING
+
+
+def test_a_height_that_is_no_number_is_refused_aloud(standing):
+    standing.outer.receive(topics.GOAL, encode_goal("takeoff", "a", float("nan")))
+    assert "goal: takeoff to a height of nan m" in standing.node.core.refused[topics.GOAL]
+
+
+@pytest.mark.parametrize("command", ["velocity", "hold"])
+def test_modes_are_goals_that_are_done_when_they_are_obeyed(hovering, command):
+    assert hovering.goal(command).state == GoalState.SUCCEEDED
+
+
+@pytest.mark.parametrize(
+    ("command", "guard"), [("manual", Guard.STICKS), ("attitude", Guard.HEARD)]
+)
+def test_a_guard_that_fails_is_the_cause(hovering, command, guard):
+    answer = hovering.goal(command)
+    assert (answer.state, answer.cause) == (GoalState.REFUSED, guard.name)
 
 
 def test_a_hold_is_done_when_it_is_obeyed_and_takes_a_goals_place(hovering):
@@ -322,6 +374,6 @@ def test_old_answers_go_but_that_of_the_goal_under_way_stays():
     goals, flown = Goals(), Flown(Phase.TRAJECTORY)
     goals.begin("a", Command.GOTO, "", flown)
     for number in range(40):
-        goals.refuse(f"r{number}", Command.TAKEOFF, "no")
+        goals.refuse(f"r{number}", Command.TAKEOFF, "no", "AIRBORNE")
     kept = [answer.goal_id for answer in goals_of({FACT_GOALS: goals.as_text()})]
     assert len(kept) == 16 and "a" in kept and "r39" in kept and not goals.knows("r0")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, replay, campaign, design, identify, compare, report, score, diff, bag,
-echo, topics, fault, joy, results, run, python.
+echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -40,6 +40,7 @@ from heli_flight.cli.flights import (
     joy,
     replay,
 )
+from heli_flight.cli.pilot import pilot
 
 # -------------------------------------------------------------------------------------------------
 # `heli run` and `heli python`: nodes and scripts with this environment's interpreter.
@@ -107,6 +108,7 @@ app = typer.Typer(
 app.add_typer(bag, name="bag")
 app.add_typer(fault)
 app.add_typer(graph)
+app.add_typer(pilot)
 app.add_typer(programs)
 app.command(epilog=JOY_EPILOG)(joy)
 app.command(cls=CommandWithRenamed, epilog=epilog("heli hover"))(hover)

@@ -28,6 +28,7 @@ from heli_msgs_bridge.diagnostics import (
     FACT_LAW_FAILED,
     FACT_MODE,
     NodeState,
+    climb_of,
     offset_of,
     state_of,
 )
@@ -92,6 +93,21 @@ def _mode(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | Non
     for stamp_ns, mode in changes:
         modes[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = mode
     return modes
+
+
+def _climb(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | None:
+    """Own height of the newest take-off (N,) at the ticks, m; None where none had one."""
+    told = [(remark.stamp_ns, climb_of(remark.facts)) for remark in bag.remarks
+            if remark.node == OUTER_LOOP and FACT_MODE in remark.facts]  # fmt: skip
+    told.sort(key=lambda what: what[0])
+    if all(height_m is None for _, height_m in told):
+        return None
+    heights = np.full(ticks.size, np.nan)
+    for stamp_ns, height_m in told:
+        heights[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = (
+            np.nan if height_m is None else height_m
+        )
+    return heights
 
 
 def _failsafe(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | None:
@@ -282,6 +298,7 @@ def _record(
         imu=at(topics.IMU, IMU.size) if topics.IMU in bag.streams else None,
         mode=_mode(bag, ticks, clock),
         failsafe=_failsafe(bag, ticks, clock),
+        takeoff_height_m=_climb(bag, ticks, clock),
     )
 
 
