@@ -117,7 +117,8 @@ def pictures(
     replay = Replay(messages, times_s[0] - LEAD_S)
     taken = []
     with tempfile.TemporaryDirectory() as folder:
-        page = driver.Page(Path(folder) / "profile", program)
+        browser = driver.Browser(Path(folder) / "profile", program)
+        page = driver.Page(browser)
         page.prefer("dark")
         page.size(*size)
         page.open(f"{replay.server.url}?quality=high", "window.heliView && heliView.scene.drawn")
@@ -130,7 +131,7 @@ def pictures(
                 taken.append(Image.open(io.BytesIO(file.read_bytes())).convert("RGB"))
                 late_s = max(late_s, page.value("heliView.flight.playout") - t)
                 progress(len(taken))
-        page.close()
+        browser.close()
     print(f"{len(taken)} frames, at most {late_s:.2f} s late")
     replay.server.stop()
     return taken

@@ -83,7 +83,8 @@ def main() -> int:
         replay, beside = replay_of(given.flight or fly(Path(folder) / "flight"))
         touch = [e.time_s for e in replay.events if e.kind == GROUND][-1:] or [0.0]
         length_s = replay.recording.seconds(replay.recording.last_ns)
-        page = driver.Page(Path(folder) / "profile", program)
+        browser = driver.Browser(Path(folder) / "profile", program)
+        page = driver.Page(browser)
         try:
             with served(replay, 0, beside) as server:
                 page.size(*SIZE_PX)
@@ -94,7 +95,7 @@ def main() -> int:
                 page.value("new Promise((yes) => setTimeout(yes, 1500))")
                 page.screenshot(given.out, whole=False)
         finally:
-            page.close()
+            browser.close()
     with Image.open(io.BytesIO(given.out.read_bytes())) as picture:
         picture.convert("RGB").save(given.out, optimize=True)
     load, cores = os.getloadavg()[0], os.cpu_count()

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A headless Chromium driven over its own DevTools pipe: no driver, no further package."""
+"""A headless Chromium driven over its own DevTools pipe: no driver, no further package.
+
+One process of a test run has one browser, as to start it takes longer than most tests; each test
+has a tab of its own, with a profile of its own.
+"""
 
 import base64
 import json
@@ -8,6 +12,7 @@ import select
 import shutil
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,9 +21,10 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
-    "--enable-unsafe-swiftshader", "--remote-debugging-pipe",
+    "--enable-unsafe-swiftshader", "--remote-debugging-pipe", "--disable-renderer-backgrounding",
+    "--disable-background-timer-throttling", "--disable-backgrounding-occluded-windows",
 )  # fmt: skip
-ANSWER_LIMIT_S = 60.0
+ANSWER_LIMIT_S = 120.0
 _WAIT = """new Promise((yes, no) => {
   const end = performance.now() + LIMIT_MS;
   const look = () => {
@@ -63,8 +69,8 @@ _FORBIDDEN = {
 }  # fmt: skip
 
 
-class Page:
-    """One tab; collects what goes wrong in it and what it asks of the network."""
+class Browser:
+    """A Chromium that the pages of a test run share."""
 
     def __init__(self, profile: Path, program: str):
         spare = []
@@ -84,33 +90,27 @@ class Page:
         )
         for descriptor in (*spare, to_read, to_write):
             os.close(descriptor)
-        self._buffer, self._count, self._session = b"", 0, None
-        self.errors: list[str] = []
-        self._asked: dict[str, str] = {}
-        targets = self.call("Target.getTargets")["targetInfos"]
-        page = next(target for target in targets if target["type"] == "page")
-        attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
-        self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self.call(f"{domain}.enable")
+        self._buffer, self._count = b"", 0
+        self.broken = False
+        self.listeners: dict[str, Callable[[str, dict], None]] = {}
 
-    @property
-    def requests(self) -> list[str]:
-        """Addresses that were asked of the network."""
-        return list(self._asked.values())
+    def call(self, method: str, session: str | None, **parameters):
+        """Send a command, return its result; events that come before it go to their sessions.
 
-    def call(self, method: str, **parameters):
-        """Send a command, return its result; events that come before it are noted."""
+        What breaks in the middle of an answer leaves a browser that nobody can speak to any more.
+        """
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
-        if self._session:
-            message["sessionId"] = self._session
+        if session:
+            message["sessionId"] = session
+        self.broken = True
         os.write(self._write, json.dumps(message).encode() + b"\0")
-        while True:
-            answer = self._next()
-            if answer.get("id") == self._count:
-                assert "error" not in answer, f"{method}: {answer['error']}"
-                return answer["result"]
+        while (answer := self._next()).get("id") != self._count:
+            if listener := self.listeners.get(answer.get("sessionId", "")):
+                listener(answer["method"], answer["params"])
+        self.broken = False
+        assert "error" not in answer, f"{method}: {answer['error']}"
+        return answer["result"]
 
     def _next(self) -> dict:
         until = time.monotonic() + ANSWER_LIMIT_S
@@ -121,11 +121,45 @@ class Page:
             assert data, "the browser has ended"
             self._buffer += data
         raw, _, self._buffer = self._buffer.partition(b"\0")
-        message = json.loads(raw)
-        self._note(message.get("method"), message.get("params", {}))
-        return message
+        return json.loads(raw)
 
-    def _note(self, method: str | None, event: dict) -> None:
+    def close(self) -> None:
+        """End it."""
+        try:
+            os.write(self._write, b'{"id": 0, "method": "Browser.close"}\0')
+            self._process.wait(10.0)
+        except (OSError, subprocess.TimeoutExpired):
+            self._process.kill()
+            self._process.wait()
+        os.close(self._write)
+        os.close(self._read)
+
+
+class Page:
+    """One tab in a profile of its own; collects what goes wrong in it and what it asks for."""
+
+    def __init__(self, browser: Browser):
+        self.browser, self._session = browser, None
+        self.errors: list[str] = []
+        self._asked: dict[str, str] = {}
+        self._profile = self.call("Target.createBrowserContext")["browserContextId"]
+        made = self.call("Target.createTarget", url="about:blank", browserContextId=self._profile)
+        attached = self.call("Target.attachToTarget", targetId=made["targetId"], flatten=True)
+        self._session = attached["sessionId"]
+        browser.listeners[self._session] = self._note
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    @property
+    def requests(self) -> list[str]:
+        """Addresses that were asked of the network."""
+        return list(self._asked.values())
+
+    def call(self, method: str, **parameters):
+        """Send a command, return its result; events that come before it are noted."""
+        return self.browser.call(method, self._session, **parameters)
+
+    def _note(self, method: str, event: dict) -> None:
         if method == "Runtime.exceptionThrown":
             self.errors.append(json.dumps(event["exceptionDetails"])[:500])
         elif method == "Runtime.consoleAPICalled" and event["type"] in ("error", "warning"):
@@ -145,16 +179,19 @@ class Page:
         """Try every way to send something; the page's policy must forbid each."""
         self.value(_SENDING)
         wanted = json.dumps(sorted(_FORBIDDEN))
-        self.wait(f"{wanted}.every(name => window.forbidden.includes(name))", 10.0)
+        self.wait(f"{wanted}.every(name => window.forbidden.includes(name))")
         # fetch, beacon, WebSocket and EventSource; twice where a header forbids it, too
         tried = "window.forbidden.filter(name => name === 'connect-src').length"
-        self.wait(f"{tried} >= 4", 10.0)
+        self.wait(f"{tried} >= 4")
         assert self.value("window.ranForeign === undefined")
 
     def tabs(self) -> list[str]:
         """Addresses of all open tabs."""
         targets = self.call("Target.getTargets")["targetInfos"]
-        return [target["url"] for target in targets if target["type"] == "page"]
+        return [
+            target["url"] for target in targets
+            if target["type"] == "page" and target["browserContextId"] == self._profile
+        ]  # fmt: skip
 
     def size(self, width: int, height: int, phone: bool = False) -> None:
         """Size of the window in CSS pixels; as a phone also its touch and its scale."""
@@ -221,16 +258,12 @@ class Page:
         return {"clip": {**box, "scale": 1}}
 
     def close(self) -> None:
-        """End the browser."""
-        try:
-            self._session = None
-            os.write(self._write, b'{"id": 0, "method": "Browser.close"}\0')
-            self._process.wait(10.0)
-        except (OSError, subprocess.TimeoutExpired):
-            self._process.kill()
-            self._process.wait()
-        os.close(self._write)
-        os.close(self._read)
+        """Close the tab, and forget its profile."""
+        if self.browser.broken:
+            return
+        self.browser.listeners.pop(self._session)
+        self._session = None
+        self.call("Target.disposeBrowserContext", browserContextId=self._profile)
 
 
 @pytest.fixture(scope="session")
@@ -242,9 +275,24 @@ def chromium() -> str:
     return path
 
 
+@pytest.fixture(scope="session")
+def new_page(chromium, tmp_path_factory):
+    """Opens a tab, in the browser of this process; in another one after one that is broken."""
+    browsers: list[Browser] = []
+
+    def opened() -> Page:
+        if not browsers or browsers[-1].broken:
+            browsers.append(Browser(tmp_path_factory.mktemp("browser") / "profile", chromium))
+        return Page(browsers[-1])
+
+    yield opened
+    for browser in browsers:
+        browser.close()
+
+
 @pytest.fixture
-def page(chromium, tmp_path):
-    """A fresh browser with one empty tab."""
-    tab = Page(tmp_path / "profile", chromium)
+def page(new_page):
+    """A fresh tab, as of a new browser."""
+    tab = new_page()
     yield tab
     tab.close()

@@ -29,6 +29,8 @@ function isTaken(event) {
 export class Replay {
   constructor(byId, flight, send) {
     Object.assign(this, { flight, send, shown: false, info: null, pending: 0, next: null, held: false, told: -2 });
+    // What was asked and is not answered: a connection that breaks meanwhile takes it with it.
+    Object.assign(this, { wishes: {}, asked: 0 });
     this.root = byId("replay");
     for (const name of ["play", "before", "next", "speed", "time", "event", "notes", "report", "marks", "at", "keys"]) {
       this[`${name}Part`] = byId(`replay-${name}`);
@@ -64,12 +66,13 @@ export class Replay {
     if (!replay) return;
     const before = this.info && this.at;
     this.info = replay;
+    if (this.next !== null) this.wishes.at = this.next;
     [this.pending, this.next] = [0, null];
     [this.atPart.min, this.atPart.max] = [replay.from_s, replay.to_s];
     this.drawMarks(message.events);
     this.tellNotes(replay.notes);
     const speed = Number(this.speedPart.value);
-    if (Number.isFinite(before)) this.ask({ at: before, run: this.runs, speed });
+    if (Number.isFinite(before)) this.ask({ at: before, run: this.runs, speed, ...this.wishes });
     else if (!this.byAddress() && !replay.at_end && !matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.ask({ run: true });
     }
@@ -79,13 +82,14 @@ export class Replay {
     if (!replay) return;
     [this.runs, this.at] = [replay.runs, t];
     if (replay.wish !== null && replay.wish >= this.pending) this.pending = 0;
+    if (replay.wish !== null && replay.wish >= this.asked) this.wishes = {};
     if (!this.pending && this.next !== null) {
       const at = this.next;
       this.next = null;
       this.seek(at);
     }
     if (!this.held && !this.pending) this.atPart.value = t;
-    if (document.activeElement !== this.speedPart) this.speedPart.value = String(replay.speed);
+    if (document.activeElement !== this.speedPart && !("speed" in this.wishes)) this.speedPart.value = String(replay.speed);
     this.tell();
     if (this.runs) clearTimeout(this.naming);
     else if (t !== this.named) this.nameTime(t);
@@ -95,6 +99,8 @@ export class Replay {
 
   ask(wish) {
     const id = this.send({ type: "replay", ...wish });
+    this.asked = id || this.asked;
+    Object.assign(this.wishes, wish);
     if ("at" in wish) [this.pending, this.askedAt] = [id, performance.now()];
   }
 
@@ -113,7 +119,7 @@ export class Replay {
 
   // From where the last seek leads, if one is under way.
   get present() {
-    return this.pending || this.next !== null ? Number(this.atPart.value) : (this.at ?? this.info.from_s);
+    return "at" in this.wishes || this.next !== null ? Number(this.atPart.value) : (this.at ?? this.info.from_s);
   }
 
   toggle() {

@@ -57,7 +57,7 @@ def test_the_page_can_send_to_its_own_server_only(page, flown):
     assert [url.rstrip("/") for url in page.tabs()] == [flight.url.rstrip("/")]
     # Its own connection has lived on.
     before = page.value("heliView.flight.last.t")
-    page.wait(f"heliView.flight.last.t > {before}", 5)
+    page.wait(f"heliView.flight.last.t > {before}")
 
 
 def test_errors_beside_the_paper_are_those_of_the_source(page, flown):

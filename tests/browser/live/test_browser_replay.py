@@ -151,6 +151,21 @@ def test_keys_go_by_seconds_ticks_events_and_change_the_speed(page, shown):
     assert page.errors == []
 
 
+def test_a_wish_outlives_the_connection_that_breaks(page, shown):
+    """A loaded machine breaks it now and then: the browser comes back, and goes where it was to."""
+    paused(page, shown, 4.0)
+    page.value("heliView.connection.socket.close()")
+    page.wait("!heliView.connection.open")
+    page.value("heliView.connection.longest = 0")
+    for key in ("ArrowRight", "ArrowRight", "+"):
+        press(page, key)
+    at(page, 6.0)
+    page.wait("heliView.flight.last.replay.speed === 2")
+    press(page, "ArrowLeft")
+    at(page, 5.0)
+    assert page.errors == []
+
+
 def test_events_are_marked_listed_and_jumped_to(page, shown):
     paused(page, shown)
     page.wait("document.querySelectorAll('#events li').length > 3")
