@@ -114,7 +114,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("controller", "string", "Which attitude law flies", choices=tuple(CONTROLLERS)),
     _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
          "FILE.py:NAME: its code runs", read_only=True),
-    _row("gamma", "double", "Bound on the H-infinity norm wind -> h, above gamma*", "",
+    _row("gamma", "double", "Bound on the H-infinity norm wind -> h, above gamma*; "
+         "that of the default controller, hinf_output, is output.gamma", "",
          lower=0.0, lower_open=True),
     _row("C11", "double[]", "Weights on phi, theta (1/rad), p, q (s/rad), eq. (12)", "",
          shape=(4, 4)),

@@ -30,19 +30,19 @@ from heli_msgs_bridge.command_messages import (
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lockstep import AHEAD_TICKS, stamp_refusal
 from heli_outer_pd.joystick import Presses, StickMap
-from heli_outer_pd.modes import Command, Guard, Phase, Refusal, RefusalCause, command_named, decide
+from heli_outer_pd.modes import (
+    SERVED,
+    Command,
+    Guard,
+    Phase,
+    Refusal,
+    RefusalCause,
+    command_named,
+    decide,
+)
 from heli_outer_pd.position_health import plight
 from heli_outer_pd.reference import ReferenceRefused
 
-SERVED = {
-    Command.HOLD: "hold",
-    Command.TAKEOFF: "takeoff",
-    Command.LAND: "land",
-    Command.VELOCITY: "mode/velocity",
-    Command.ATTITUDE: "mode/attitude",
-    Command.MANUAL: "mode/manual",
-}
-"""Commands without an argument, and their services: `std_srvs/Trigger`."""
 MODE = "mode"
 """Parameter that commands by name when it is set."""
 ARM = "arm"
@@ -404,7 +404,8 @@ class Commands:
         """
         goal = decode_goto(message, topic)
         self._check_held()
-        if goal.stamp_ns != 0:
+        # Without a stamp it means now, as by the action, and as `ros2 topic pub` sends it.
+        if goal.stamp_ns:
             self._check_stamp(topic, goal.stamp_ns, self._node.values["goto.max_age_s"])
         return goal.pos_ned_m, goal.psi_rad
 

@@ -78,6 +78,16 @@ class Command(StrEnum):
 
 _ALSO = {Command.HOLD: ("hover",), Command.FOLLOW: ("trajectory",)}
 
+SERVED = {
+    Command.HOLD: "hold",
+    Command.TAKEOFF: "takeoff",
+    Command.LAND: "land",
+    Command.VELOCITY: "mode/velocity",
+    Command.ATTITUDE: "mode/attitude",
+    Command.MANUAL: "mode/manual",
+}
+"""Commands without an argument, and their services: `std_srvs/Trigger`."""
+
 
 class Fact(StrEnum):
     """What has happened, by measured values."""

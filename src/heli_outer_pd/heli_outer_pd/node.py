@@ -35,12 +35,12 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.services import MOST_WAY_BYTES
 from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent, TopicSenders
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
-from heli_outer_pd.commands import ARM, MODE, SERVED, Answer, Commands
+from heli_outer_pd.commands import ARM, MODE, Answer, Commands
 from heli_outer_pd.goals import Goals
 from heli_outer_pd.goto import Goto, PhaseNumbers, outside
 from heli_outer_pd.joystick import StickMap
 from heli_outer_pd.manual_controller import with_manual
-from heli_outer_pd.modes import RefusalCause
+from heli_outer_pd.modes import SERVED, RefusalCause
 from heli_outer_pd.outer_loop import (
     ENGAGEMENT,
     HELD,

@@ -14,6 +14,7 @@ from heli_core.ticks import NS_PER_S, TICK_S
 from heli_outer_pd.goto import FIXED, HEADINGS, HEIGHT_M, WIND
 from heli_outer_pd.joystick import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
 from heli_outer_pd.manual import STICK_ROWS
+from heli_outer_pd.modes import SERVED
 from heli_outer_pd.script import SCRIPT_ROWS
 from heli_outer_pd.state import OuterParams, RotorMap
 
@@ -75,6 +76,7 @@ def sweep_params(p: Mapping[str, Any]) -> SweepParams:
 # -------------------------------------------------------------------------------------------------
 
 NODE_NAME = "outer_loop"
+_MODES = ", ".join(word for command in SERVED for word in command.names)
 
 
 def _row(name: str, kind: str, description: str, unit: str = "", **bounds) -> Parameter:
@@ -164,7 +166,7 @@ TABLE: tuple[Parameter, ...] = (
          "wind while it hovers", choices=HEADINGS),
     _row("goto.max_age_s", "double", "Oldest goto that is flown, flight time since its stamp", "s",
          lower=0.1, upper=60.0),
-    _row("mode", "string", "Commands a mode by its name when it is set in flight"),
+    _row("mode", "string", f"Commands a mode by its name when it is set in flight: {_MODES}"),
     *JOY_ROWS,
     _row("start.on_ground", "bool", "Begin standing on the skids, and wait for a take-off",
          read_only=True),

@@ -315,12 +315,19 @@ def test_what_is_refused_is_named_and_leaves_the_flight_as_it_was(hovering, chan
     assert health.level == Level.WARN and health.message.endswith(f": goto: {sentence}")
 
 
-def test_a_stamp_of_zero_is_no_time(hovering):
+@pytest.mark.parametrize("topic", [topics.GOTO, topics.COMMAND_POSE])
+def test_a_stamp_of_zero_is_now(hovering, topic):
+    """As `ros2 topic pub --once` sends it, whose time is not the flight's."""
     message = pose(hovering)
-    message.header.stamp.sec = 0
-    hovering.receive(topics.GOTO, message)
-    assert hovering.node.run.diverted is None
-    assert " is zero" in hovering.node.core.refused[topics.GOTO]
+    hovering.receive(topic, message)
+    stamped = hovering.node.run.diverted
+    hovering.node.run.phases.command("hold", hovering.node.stamp_ns(600), hovering.node.core.nav)
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    hovering.receive(topic, message)
+    assert topic not in hovering.node.core.refused
+    again = hovering.node.run.diverted
+    np.testing.assert_allclose(again.points[-1], stamped.points[-1], atol=1e-12)
+    assert again is not stamped
 
 
 def test_before_the_position_loop_holds_anything_it_is_refused(bench):

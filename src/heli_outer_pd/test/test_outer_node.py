@@ -15,6 +15,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.layouts import CHANNELS
+from heli_outer_pd.modes import SERVED
 from heli_outer_pd.node import OuterLoopNode
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -214,3 +215,11 @@ def test_the_page_has_the_same_bounds():
     config = yaml.safe_load((config_folder("heli_outer_pd") / "outer_loop.yaml").read_text())
     limits = config["/**/outer_loop"]["ros__parameters"]["reference_limits"]
     assert limits.items() <= page["/**/live_view"]["ros__parameters"]["command_limits"].items()
+
+
+def test_whoever_asks_what_mode_takes_is_told_all_that_it_takes(bench):
+    outer = bench(OuterLoopNode)
+    told = outer.node.describe_parameter("mode").description
+    for command in SERVED:
+        for name in command.names:
+            assert name in told.partition(": ")[2].split(", ")
