@@ -17,6 +17,7 @@ from heli_actions.node import ActionsNode
 from heli_bags.node import RecorderNode
 from heli_core.parameters import COMMON_TABLE, Parameter
 from heli_dynamics_sim.node import PlantNode
+from heli_flight.graph.lifecycle_manager_node import LifecycleManagerNode
 from heli_flight.graph.scenario_node import ScenarioNode
 from heli_flight.graph.world_clock_node import WorldClockNode
 from heli_inner_hinf.node import InnerLoopNode
@@ -39,6 +40,7 @@ NODES: tuple[type[ManagedNode], ...] = (
     ScenarioNode,
     LiveViewNode,
     WorldClockNode,
+    LifecycleManagerNode,
     ActionsNode,
 )
 SERVICES = {
@@ -173,6 +175,9 @@ by name when it is set: `ros2 param set /outer_loop mode hover`.
 
 The plant's `clear_faults` (std_srvs/srv/Trigger) ends all faults. They begin by its parameter
 `faults`, where one without `start_s` begins now; `heli fault` sets it.
+
+The `lifecycle_manager` has `startup`, `pause`, `resume`, `reset` and `shutdown` for all nodes
+together, and `is_active` (std_srvs/srv/Trigger, under its name).
 """
 ACTIONS = """
 With the node `actions` beside the graph there are actions, too, where `heli_interfaces` is built

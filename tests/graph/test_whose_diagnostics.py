@@ -84,7 +84,7 @@ def test_somebody_else_is_no_plant_before_it_is_silent(
     supervisor, voice, monkeypatch, silence_s, believed
 ):
     """One false "over" would end the flight."""
-    monkeypatch.setattr("heli_flight.graph.supervisor._SILENT_S", silence_s)
+    monkeypatch.setattr("heli_flight.graph.lifecycle._SILENT_S", silence_s)
     plant, stranger = voice(), voice()
 
     def until(name, message):

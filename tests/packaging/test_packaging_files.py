@@ -25,6 +25,7 @@ TABLES = {
     "live_view": ("heli_live_view.parameters", "heli_live_view"),
     "actions": ("heli_actions.parameters", "heli_actions"),
     "world_clock": ("heli_flight.graph.world_clock_node", "heli_flight"),
+    "lifecycle_manager": ("heli_flight.graph.manager", "heli_flight"),
 }
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}
 

@@ -19,7 +19,15 @@ EXECUTABLES = {
     "heli_outer_pd": ["outer_loop"],
     "heli_bags": ["recorder"],
     "heli_live_view": ["live_view"],
-    "heli_flight": ["composed", "heli", "hover_test", "scenario", "warm_up", "world_clock"],
+    "heli_flight": [
+        "composed",
+        "heli",
+        "hover_test",
+        "lifecycle_manager",
+        "scenario",
+        "warm_up",
+        "world_clock",
+    ],
 }
 PYTHON_FOLDER = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
 

@@ -14,7 +14,9 @@ from heli_msgs_bridge.tick_node import TickNode
 
 SRC = Path(__file__).resolve().parents[2] / "src"
 MODULES = sorted(f"{path.parent.name}.node" for path in SRC.glob("*/heli*/node.py"))
-MODULES += ["heli_flight.graph.scenario_node", "heli_flight.graph.world_clock_node"]
+MODULES += [
+    f"heli_flight.graph.{name}_node" for name in ("scenario", "world_clock", "lifecycle_manager")
+]
 
 
 def nodes():

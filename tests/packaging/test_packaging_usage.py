@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MODULES = {
     "scenario": "heli_flight.graph.scenario_node",
     "world_clock": "heli_flight.graph.world_clock_node",
+    "lifecycle_manager": "heli_flight.graph.lifecycle_manager_node",
 }
 EXECUTABLES = sorted(
     path.name
@@ -35,8 +36,8 @@ def node_class(name):
     return cls
 
 
-def test_all_nine_are_here():
-    assert len(EXECUTABLES) == 9
+def test_all_ten_are_here():
+    assert len(EXECUTABLES) == 10
 
 
 @pytest.mark.parametrize("name", EXECUTABLES)

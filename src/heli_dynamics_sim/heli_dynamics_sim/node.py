@@ -486,12 +486,13 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
             self.core.truth_sums.close()
         facts = {**self._facts_now(), "over": "true"}
         self.report(level, message, facts, NodeState.FINISHED)
+        self.exit_code = int(level > Level.OK)
         if not self.values["autostart"]:
             return
         limit = Duration(seconds=_ACKNOWLEDGE_S)
         for publisher in self.outputs.values():
             publisher.wait_for_all_acked(limit)
-        self.finished, self.exit_code = True, int(level > Level.OK)
+        self.finished = True
 
     def prepared(self, name: str, value: Any) -> Any:
         """Faults without a beginning begin at the next tick, which who sends them does not know."""

@@ -22,6 +22,7 @@ from heli_bags.parameters import NODE_NAME as RECORDER
 from heli_bags.parameters import TABLE as RECORDER_TABLE
 from heli_bags.parameters import unrecorded
 from heli_core.parameters import load, with_common
+from heli_flight.fleet import read_fleet
 from heli_flight.graph.respawn import AGAIN, MOST, WITHIN_S
 from heli_flight.settings import (
     HOVER_TEST_WORLD,
@@ -125,6 +126,15 @@ ARGUMENTS = (
         "aircraft", "1", None, "How many, in the namespaces heli1, heli2 ...; each has its own seed"
     ),
     Argument(
+        "fleet", "", None, "YAML file: namespace, type, place and parameters of each aircraft"
+    ),
+    Argument(
+        "lifecycle_manager",
+        "false",
+        ["true", "false"],
+        "A lifecycle manager brings the nodes up in order and watches that they live",
+    ),
+    Argument(
         "clock", "", ["", "own", "world"], "Who sends /clock: the plant, or a world_clock elsewhere"
     ),
 )
@@ -214,23 +224,53 @@ def _again(launch_args):
     """Who is started again, if asked for."""
     if launch_args["respawn"] != "true":
         return None
-    for name, plain in (("composed", "false"), ("aircraft", "1")):
+    for name, plain in (("composed", "false"), ("aircraft", "1"), ("fleet", "")):
         if launch_args[name] != plain:
             raise ValueError(f"respawn:=true: does not go with {name}:={launch_args[name]}")
     return NodeRestarter(AGAIN, MOST, WITHIN_S)
 
 
-def _aircraft(launch_args):
-    """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
+def _managed(launch_args, beside):
+    """What the nodes are told of who starts them, and what the manager is told of them.
+
+    The plant is last: time begins with it, when all others are active.
+    """
+    if launch_args["lifecycle_manager"] != "true":
+        return {}, {}
+    names = [*beside, "scenario", "observer", "inner_loop", "outer_loop", "plant"]
+    return {"autostart": False}, {"node_names": names}
+
+
+def _aircraft(launch_args, own=None):
+    """Nodes of one aircraft, one of a fleet if given.
+
+    Each configures and activates itself, unless a manager does; the plant waits for the rest.
+    """
     arguments, users = _overrides(launch_args), users_files(launch_args)
+    at = {"scenario": {}}
+    if own is not None:
+        users = [str(path) for path in (own.design, *users, own.params_file) if path]
+        at = own.overrides()
+        arguments["plant"] |= at["plant"]
     scenario = _config("heli_flight", f"scenarios/{launch_args['scenario']}.yaml")
     sensors, files, drawn = _around(launch_args, users)
     recorded = launch_args["record"] == "true"
     again = _again(launch_args)
+    beside = {"recorder": recorded} | {
+        name: launch_args[argument] == "true"
+        for name, argument in (("live_view", "live"), ("actions", "actions"))
+    }
+    led, manager = _managed(launch_args, [name for name, there in beside.items() if there])
+    for values in arguments.values():
+        values |= led
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
     peers["unrecorded"] = _unrecorded(launch_args, users)
-    nodes = [node("heli_flight", "scenario", launch_args, [scenario, *users], again=again)]
+    told = [scenario, *users, at["scenario"] | led]
+    nodes = [node("heli_flight", "scenario", launch_args, told, again=again)]
+    if manager:
+        told = [manager, *users]
+        nodes.append(node("heli_flight", "lifecycle_manager", launch_args, told, again=again))
     if recorded:
         parameters = [*users, arguments["recorder"]]
         nodes.append(node("heli_bags", "recorder", launch_args, parameters, again=again))
@@ -238,7 +278,7 @@ def _aircraft(launch_args):
         parameters = [*users, arguments["live_view"]]
         nodes.append(node("heli_live_view", "live_view", launch_args, parameters, again=again))
     if launch_args["actions"] == "true":
-        nodes.append(node("heli_actions", "actions", launch_args, users, again=again))
+        nodes.append(node("heli_actions", "actions", launch_args, [*users, led], again=again))
     layers = {}
     for package, name in NODES:
         receiver, grade = (
@@ -248,7 +288,7 @@ def _aircraft(launch_args):
         around = receiver, grade, [*files, drawn.get(name)], [scenario, *users]
         layers[name] = [[peers], *around, [arguments[name]]]
     # Of several aircraft the last flight ends the launch, by the clock of their world.
-    alone = launch_args["aircraft"] == "1"
+    alone = launch_args["aircraft"] == "1" and own is None
     if launch_args["composed"] == "true":
         return [*nodes, together("heli_flight", "composed", launch_args, layers, alone)]
     for package, name in NODES:
@@ -257,31 +297,44 @@ def _aircraft(launch_args):
     return nodes
 
 
-def _several(launch_args, count):
-    """Several aircraft and the clock of their world."""
+def _several(launch_args, fleet):
+    """Several aircraft and the clock of their world; of each its namespace and what is its own."""
     if launch_args["live"] == "true":
-        raise ValueError(f"live:=true: shows one aircraft, not aircraft:={count}")
+        raise ValueError(f"live:=true: shows one aircraft, not {len(fleet)}")
     base = launch_args["namespace"].strip("/")
-    names = [f"{base}/heli{i + 1}".strip("/") for i in range(count)]
+    names = [f"{base}/{name}".strip("/") for name, _ in fleet]
     bags = Path(launch_args["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}")
     nodes = [
         node("heli_flight", "world_clock", {**launch_args, "namespace": ""}, [{"aircraft": names}])
     ]
-    for number, name in enumerate(names):
-        its_args = {"namespace": name, "clock": "world", "bag": str(bags / f"heli{number + 1}")}
-        its_args["seed"] = str(seed_of(_seed(launch_args["seed"] or "1"), number))
+    for number, (name, own) in enumerate(fleet):
+        its_args = {"namespace": names[number], "clock": "world", "bag": str(bags / name)}
+        seed = seed_of(_seed(launch_args["seed"] or "1"), number)
+        its_args["seed"] = str(seed if own is None or own.seed is None else own.seed)
         if launch_args["record"] != "true":
             its_args["bag"] = ""
-        nodes += _aircraft({**launch_args, **its_args})
+        nodes += _aircraft({**launch_args, **its_args}, own)
     return nodes
+
+
+def _fleet(launch_args):
+    """Who flies beside whom: (namespace, FleetAircraft or None) of each; empty for one alone."""
+    count, file = launch_args["aircraft"], launch_args["fleet"]
+    if not (count.isdecimal() and 1 <= int(count) <= MOST_AIRCRAFT):
+        raise ValueError(f"aircraft:={count}: write a whole number from 1 to {MOST_AIRCRAFT}")
+    if not file:
+        return [(f"heli{i + 1}", None) for i in range(int(count))] if int(count) > 1 else []
+    if count != "1":
+        raise ValueError(
+            f"fleet:={file}: names the aircraft; it does not go with aircraft:={count}"
+        )
+    return [(one.namespace, one) for one in read_fleet(file)]
 
 
 def _graph(context):
     launch_args = context.launch_configurations
-    count = launch_args["aircraft"]
-    if not (count.isdecimal() and 1 <= int(count) <= MOST_AIRCRAFT):
-        raise ValueError(f"aircraft:={count}: write a whole number from 1 to {MOST_AIRCRAFT}")
-    return _aircraft(launch_args) if int(count) == 1 else _several(launch_args, int(count))
+    fleet = _fleet(launch_args)
+    return _several(launch_args, fleet) if fleet else _aircraft(launch_args)
 
 
 def generate_launch_description():

@@ -10,7 +10,8 @@ from rich.console import Console
 
 from heli_flight.graph import flight as outcomes
 from heli_flight.graph.bag_record import BagFlight
-from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
+from heli_flight.graph.lifecycle import BringUpError, NodeStatus
+from heli_flight.graph.supervisor import Supervisor
 from heli_flight.loop import simulate
 from heli_flight.replay import ended
 from heli_flight.report import page

@@ -5,7 +5,7 @@ from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.task import Future
 
-from heli_flight.graph.supervisor import ASK_AGAIN_S, Answers
+from heli_flight.graph.lifecycle import ASK_AGAIN_S, Answers
 
 INACTIVE, UNCONFIGURED = State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_UNCONFIGURED
 

@@ -122,8 +122,8 @@ def test_every_argument_has_a_test(describe):
     tested = {argument.split(":=")[0] for argument, *_ in WINNING}
     tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
     tested |= {"world", "laws", "actions", "composed"}
-    # In test_launch_several.py and test_launch_respawn.py.
-    tested |= {"aircraft", "respawn"}
+    # In test_launch_several.py, _respawn.py, _fleet.py and _manager.py.
+    tested |= {"aircraft", "respawn", "fleet", "lifecycle_manager"}
     for package, name in LAUNCH_FILES:
         entities = describe(package, name).entities
         declared = {entity.name for entity in entities if hasattr(entity, "default_value")}

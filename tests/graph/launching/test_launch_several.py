@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several aircraft in one ROS domain: what the launch file starts, and two of them in flight."""
 
-import contextlib
 import subprocess
 import sys
 
@@ -14,6 +13,7 @@ from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_flight.loop import simulate
 from heli_flight.settings import HOVER_TEST_WORLD, resolve, seed_of
 from heli_msgs_bridge import topics
+from support.launched import flown
 
 HOVER = ("heli_flight", "hover.launch.py")
 LENGTH_S = 3
@@ -46,22 +46,6 @@ def test_the_last_flight_ends_the_launch(launch):
 def test_what_does_not_go_starts_nothing(launch, arguments):
     with pytest.raises(ValueError, match="aircraft:="):
         launch(*HOVER, *arguments)
-
-
-def flown(started, folder, env, *last):
-    """Start nodes as launch does; exit codes of those that end last, and what all have said."""
-    with contextlib.ExitStack() as ending:
-        processes = {}
-        for node in started:
-            label = node.full_name.replace("/", "_")
-            (folder / label).mkdir()
-            log = ending.enter_context(open(folder / f"{label}.log", "wb"))
-            processes[node.full_name] = subprocess.Popen(
-                node.command(folder / label), env=env, stdout=log, stderr=subprocess.STDOUT
-            )
-            ending.callback(processes[node.full_name].terminate)
-        codes = {processes[name].wait(timeout=240) for name in last}
-    return codes, "".join(path.read_text() for path in folder.glob("*.log"))
 
 
 def assert_flown_as_if_alone(bags, seeds):

@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 
 from heli_bags.node import RecorderNode
 from heli_dynamics_sim.node import PlantNode
+from heli_flight.graph.lifecycle_manager_node import LifecycleManagerNode
 from heli_flight.graph.scenario_node import ScenarioNode
 from heli_inner_hinf.node import InnerLoopNode
 from heli_live_view.node import LiveViewNode
@@ -29,6 +30,7 @@ KINDS = {
         ScenarioNode,
         RecorderNode,
         LiveViewNode,
+        LifecycleManagerNode,
         OuterLoopNode,
         InnerLoopNode,
         ObserverNode,

@@ -29,6 +29,7 @@ from heli_flight.graph.bag_record import (
     foreign_truth,
     lost_with_law,
 )
+from heli_flight.graph.lifecycle import BringUpError, NodeStatus
 from heli_flight.graph.live import MODULE, LiveView, addresses, viewers
 from heli_flight.graph.nodes import prepare_environment
 from heli_flight.graph.processes import (
@@ -42,7 +43,7 @@ from heli_flight.graph.processes import (
     why_ended,
 )
 from heli_flight.graph.respawn import AGAIN, Respawn, remove_left
-from heli_flight.graph.supervisor import DEAF, BringUpError, NodeStatus, Supervisor
+from heli_flight.graph.supervisor import DEAF, Supervisor
 from heli_flight.result import Result
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.scoring import score

@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from heli_core.errors import FlightError
+from heli_flight.graph.lifecycle import NodeStatus
 from heli_flight.graph.processes import SHARED_MEMORY, NodeProcess, stop
-from heli_flight.graph.supervisor import NodeStatus, Supervisor
+from heli_flight.graph.supervisor import Supervisor
 from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.handover import FOLDER, note_restart
 

@@ -9,151 +9,43 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.msg import Transition
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from heli_core.errors import FlightError
 from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_flight.graph.lifecycle import TRANSITIONS, BringUpError, Lifecycle, NodeStatus, Voices
 from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
-from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of, state_of
+from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of
 from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_msgs_bridge.signatures import signature_of, signing
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
     SENDER_FIELDS,
     Info,
-    PublisherLock,
     TopicSenders,
     full_name,
     senders_of,
     with_info,
 )
 
-# -------------------------------------------------------------------------------------------------
-# Which nodes have made a transition: by their answers, or by their state where one is lost.
-#
-# A service's answer is not sent when the asker's reader is not known yet (rmw waits 0.1 s), and
-# many
-# participants that start together on loaded cores take longer to know each other.
-# -------------------------------------------------------------------------------------------------
-
-ASK_AGAIN_S = 2.0
-
-
-class Answers:
-    """Of nodes that were asked for the same transition.
-
-    Parameters
-    ----------
-    changes : mapping
-        Name to the future of ChangeState.
-    ask : callable
-        From a name to a future of GetState.
-    target : int
-        Id of the state to which the transition leads; the nodes were in another one.
-    now_s : callable, optional
-        Wall time, s.
-    """
-
-    def __init__(
-        self,
-        changes: Mapping[str, Any],
-        ask: Callable[[str], Any],
-        target: int,
-        now_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._changes, self._ask, self._target, self._now_s = changes, ask, target, now_s
-        self._asked: dict[str, Any] = {}
-        self._arrived: set[str] = set()
-        self._due_s = now_s() + ASK_AGAIN_S
-
-    def silent(self) -> list[str]:
-        """Nodes of which nothing says yet how it went."""
-        return [
-            name
-            for name, change in self._changes.items()
-            if not change.done() and name not in self._arrived
-        ]
-
-    def complete(self) -> bool:
-        """Whether all are through; asks for the state of those that are silent for long."""
-        for name, state in self._asked.items():
-            # Another state says nothing: the transition may not have begun.
-            if state.done() and state.result().current_state.id == self._target:
-                self._arrived.add(name)
-        silent = self.silent()
-        if silent and self._now_s() >= self._due_s:
-            self._due_s = self._now_s() + ASK_AGAIN_S
-            self._asked = {name: self._ask(name) for name in silent}
-        return not silent
-
-    def refused(self) -> list[str]:
-        """Nodes that have answered that they did not."""
-        return [
-            name
-            for name, change in self._changes.items()
-            if change.done() and not change.result().success
-        ]
-
-
-# -------------------------------------------------------------------------------------------------
-# Supervisor.
-# -------------------------------------------------------------------------------------------------
-
 # A node's name comes by a topic of its own, which DDS may have to repeat (heartbeats of 3 s).
 _NAME_LIMIT_S = 5.0
 # How long a node that refused may need to say why.
 _REASON_LIMIT_S = 10.0
-# Wall time after which somebody else is believed who speaks as a node; nodes repeat themselves.
-_SILENT_S = 3.0
 DEAF = "deaf"
 """Key of the sentence that the recorder did not answer at the end."""
 _LOOP = ("observer", "inner_loop", "outer_loop")
-
-
-class BringUpError(FlightError):
-    """A node did not come up or fell silent.
-
-    Parameters
-    ----------
-    message : str
-        A sentence that names it.
-    node : str, optional
-        Its name, where it may have said the reason itself.
-    """
-
-    def __init__(self, message: str, node: str = "") -> None:
-        super().__init__(message)
-        self.node = node
-
-
-@dataclass(frozen=True)
-class NodeStatus:
-    """What a node last said in /diagnostics: level (0 OK to 2 ERROR), sentence, stamp, facts."""
-
-    level: int
-    message: str
-    time_s: float
-    facts: Mapping[str, str]
-
-    @property
-    def state(self) -> NodeState:
-        """Where the node is in its life, and in the flight."""
-        return state_of(self.facts, self.message)
 
 
 class Supervisor(Node):
@@ -182,17 +74,16 @@ class Supervisor(Node):
         self._executor.add_node(self)
         self._ends = contextlib.ExitStack()
         self._ends.enter_context(outlasts_set_clock(self._executor))
-        self._change = {
-            name: self.create_client(ChangeState, f"{name}/change_state") for name in managed
-        }
-        self._state = {name: self.create_client(GetState, f"{name}/get_state") for name in managed}
+        self._lifecycle = Lifecycle(self, managed)
         self._reference = self.create_publisher(
             MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
         )
-        self.statuses: dict[str, NodeStatus] = {}
+        signature = signature_of(self.resolve_topic_name(topics.DIAGNOSTICS), key)
+        genuine = None if signature is None else signature.is_genuine
+        self._voices = Voices(self.get_namespace(), NODE_NAME, genuine)
+        self.statuses = self._voices.statuses
         self._start_ns = self._now_ns = 0
         self._reporter: Reporter | None = None
-        self._locks: dict[str, PublisherLock] = {}
         self.create_subscription(
             DiagnosticArray,
             topics.DIAGNOSTICS,
@@ -236,37 +127,14 @@ class Supervisor(Node):
 
     def forget(self, name: str) -> None:
         """A node is started again: what it has said, and by which publisher, is past."""
-        self.statuses.pop(name, None)
-        self._locks.pop(name, None)
+        self._voices.forget(name)
 
     def _on_diagnostics(self, raw: bytes, info: Info | None) -> None:
         """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain.
 
         Who else speaks under a node's name is not believed: one word "over" would end the flight.
         """
-        try:
-            message = deserialize_message(raw, DiagnosticArray)
-        except Exception:  # rclpy raises what it likes; a stranger's bytes end no flight
-            return
-        stamp = message.header.stamp
-        time_s = stamp.sec + 1e-9 * stamp.nanosec
-        own_namespace = self.get_namespace().strip("/")
-        for status in message.status:
-            namespace, _, name = status.name.rpartition("/")
-            if namespace.strip("/") != own_namespace or name == NODE_NAME or self._is_past(name):
-                continue
-            # How many speak on a topic of all says nothing of one name: it never counts as alone.
-            lock = self._locks.setdefault(name, self._lock())
-            if not lock.admits(raw, info):
-                continue
-            level = int.from_bytes(status.level, "little")
-            facts = {pair.key: pair.value for pair in status.values}
-            self.statuses[name] = NodeStatus(level, status.message, time_s, facts)
-
-    def _lock(self) -> PublisherLock:
-        signature = signature_of(self.resolve_topic_name(topics.DIAGNOSTICS), self._key)
-        genuine = None if signature is None else signature.is_genuine
-        return PublisherLock(lambda: 2, _SILENT_S, TICK_NS, is_genuine=genuine)
+        self._voices.hear(raw, info, self._is_past)
 
     def _is_past(self, name: str) -> bool:
         """Whether the flight is over for a node: that the plant is silent then is no news."""
@@ -295,16 +163,16 @@ class Supervisor(Node):
             Names the nodes that did not appear.
         """
 
-        def missing() -> list[str]:
-            return [n for n, client in self._change.items() if not client.service_is_ready()]
-
+        missing = self._lifecycle.missing
         if not self.wait_until(lambda: not missing(), limit_s, check):
             raise BringUpError(f"no life-cycle service of {', '.join(missing())} in {limit_s:g} s")
 
     def refuse_doubles(self) -> None:
         """Raise BringUpError if another graph with the same names flies in this ROS domain."""
         names = [f"{ns.rstrip('/')}/{n}" for n, ns in self.get_node_names_and_namespaces()]
-        full_names = {f"{self.get_namespace().rstrip('/')}/{name}" for name in self._change}
+        full_names = {
+            f"{self.get_namespace().rstrip('/')}/{name}" for name in self._lifecycle.names
+        }
         for name in sorted(full_names):
             if names.count(name) > 1:
                 raise BringUpError(
@@ -387,18 +255,8 @@ class Supervisor(Node):
         BringUpError
             Names the node that refused or did not answer.
         """
-        label, target = {
-            Transition.TRANSITION_CONFIGURE: ("configure", State.PRIMARY_STATE_INACTIVE),
-            Transition.TRANSITION_ACTIVATE: ("activate", State.PRIMARY_STATE_ACTIVE),
-            Transition.TRANSITION_DEACTIVATE: ("deactivate", State.PRIMARY_STATE_INACTIVE),
-        }[transition_id]
-        request = ChangeState.Request()
-        request.transition.id = transition_id
-        answers = Answers(
-            {name: self._change[name].call_async(request) for name in names},
-            lambda name: self._state[name].call_async(GetState.Request()),
-            target,
-        )
+        label, _ = TRANSITIONS[transition_id]
+        answers = self._lifecycle.begin(names, transition_id)
         if not self.wait_until(answers.complete, limit_s, check):
             silent = answers.silent()
             sentence = f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s"
