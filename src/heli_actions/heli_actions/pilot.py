@@ -244,7 +244,7 @@ class Pilot:
         if context is None:
             context = rclpy.Context()
             rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-        self._context = context
+        self._ros = context
         self._node = Node(
             f"pilot_{os.getpid()}_{next(_COUNT)}",
             namespace=namespace,
@@ -520,7 +520,7 @@ class Pilot:
         sentence = "the pilot is closed; the flight goes on"
         try:
             with outlasts_set_clock(self._executor, [self._node]):
-                while not self._closing.is_set() and self._context.ok():
+                while not self._closing.is_set() and self._ros.ok():
                     spinning.serve()
                     self._look()
         except BaseException as error:
@@ -537,7 +537,7 @@ class Pilot:
                 self._clients.destroy()
             self._node.destroy_node()
             if self._own_context:
-                self._context.try_shutdown()
+                self._ros.try_shutdown()
 
     def _begin(self, key: str, goal: PilotGoal, request: GoalRequest) -> None:
         self._goals[key] = goal
