@@ -29,7 +29,14 @@ from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
-from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of, state_of
+from heli_msgs_bridge.diagnostics import (
+    FACT_MISSING,
+    Level,
+    NodeState,
+    Reporter,
+    hardware_of,
+    state_of,
+)
 from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_msgs_bridge.signatures import signature_of, signing
 from heli_msgs_bridge.sources import (
@@ -123,6 +130,8 @@ _SILENT_S = 3.0
 DEAF = "deaf"
 """Key of the sentence that the recorder did not answer at the end."""
 _LOOP = ("observer", "inner_loop", "outer_loop")
+# States in which a node that was activated does not take part yet; None: it has not spoken.
+_BEFORE = (None, NodeState.CONFIGURED, NodeState.INACTIVE, NodeState.WAITING)
 
 
 class BringUpError(FlightError):
@@ -412,6 +421,36 @@ class Supervisor(Node):
                 self.wait_until(lambda: self._has_failed(refused[0]), _REASON_LIMIT_S, check)
             raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}", refused[0])
 
+    def wait_for_peers(
+        self, names: Sequence[str], limit_s: float, check: Callable[[], None]
+    ) -> None:
+        """Wait until nodes that are active take part: all who must hear them listen.
+
+        Raises
+        ------
+        BringUpError
+            Names the node that waits, has begun without a peer, or has failed, and says why.
+        """
+
+        def waits() -> list[str]:
+            return [name for name in names if self._state_of(name) in _BEFORE]
+
+        def decided() -> bool:
+            return not waits() or any(map(self._has_failed, names))
+
+        if not self.wait_until(decided, limit_s, check):
+            name = waits()[0]
+            said = self.statuses[name].message if name in self.statuses else "silent"
+            raise BringUpError(f"{name}: {said}, after {limit_s:g} s")
+        for name in names:
+            status = self.statuses.get(name)
+            if self._has_failed(name) or (status and FACT_MISSING in status.facts):
+                raise BringUpError(f"{name}: did not begin as it should", name)
+
+    def _state_of(self, name: str) -> NodeState | None:
+        status = self.statuses.get(name)
+        return None if status is None else status.state
+
     def close_bag(self, limit_s: float) -> None:
         """Deactivate the recorder: what has reached it is in the bag once it has confirmed.
 
@@ -427,8 +466,7 @@ class Supervisor(Node):
         self.wait_until(self._has_last_word, limit_s, lambda: None)
 
     def _has_failed(self, name: str) -> bool:
-        status = self.statuses.get(name)
-        return status is not None and status.state == NodeState.FAILED
+        return self._state_of(name) == NodeState.FAILED
 
     def _has_last_word(self) -> bool:
         status = self.statuses.get("recorder")
