@@ -188,6 +188,13 @@ LIFE = """
 ## Life cycle
 
 A node started alone (`ros2 run`) configures and activates itself, unless `autostart` is false.
+It answers its services in every state: kernels are compiled, and a design is made, in a thread
+of its own (state `configuring`); one that waits for its peers is active, and says in
+`/diagnostics` (`state: waiting`, `missing_peers`) for whom. A peer that is in the graph is waited
+for while it gets ready, one that is not for `connect_timeout_s`, and five seconds if no other
+node of the graph is there: then the node begins without, and goes on naming who is missing until
+they listen. A plant alone flies at the pace of the wall clock with the trim held and rates
+damped; who comes later flies it on.
 A transition that fails or does not exist is refused with its reason and leaves the node where
 it was.
 
@@ -195,7 +202,7 @@ it was.
 |---|---|
 | unconfigured | has its parameters, checked; says in `/diagnostics` that it is there |
 | inactive | has built its core, publishers and subscriptions; sends no data |
-| active | takes part: it waits for its peers first |
+| active | takes part, once its peers listen |
 | finalized | its process ends |
 
 In flight the key `state` of `/diagnostics` says more: `unconfigured`, `configured`, `waiting` (for

@@ -449,7 +449,7 @@ COMMON_TABLE: tuple[Parameter, ...] = (
     Parameter(
         "connect_timeout_s",
         "double",
-        "Wall time to wait for peers to connect",
+        "Wall time to wait for peers that are not in the graph",
         unit="s",
         lower=0.1,
         upper=3600.0,

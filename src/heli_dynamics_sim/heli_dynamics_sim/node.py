@@ -68,6 +68,8 @@ class ConfiguredPlant(TickCore):
         Sends the bytes of a clock message; None: another node does.
     begun : bool
         Whether tick 0 has been sent.
+    alone : bool
+        Whether it was sent without anybody who commands.
     wall_s : float
         Wall time that has been flown, up to the last pause.
     over : str
@@ -96,6 +98,7 @@ class ConfiguredPlant(TickCore):
     joints: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS.size))
     gust: np.ndarray = field(default_factory=lambda: np.zeros(3))
     begun: bool = False
+    alone: bool = False
     wall_s: float = 0.0
     over: str = ""
     fault_log: FaultLog = field(default_factory=FaultLog)
@@ -397,6 +400,9 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""
         begun, self.core.begun = self.core.begun, True
         super().begin()
+        if not begun and self.missing.intersection(topics.BY_NAME[topics.ACTUATORS].source):
+            self.core.alone = True
+            self.core.pace.go_without([topics.ACTUATORS])
         if not begun:
             for describe in self.core.describe:
                 describe()
@@ -410,7 +416,7 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
     def step(self, tick: int, arrived: Arrived) -> None:
         """Lockstep: the command of this tick has come, is lost, or is not waited for; go on."""
         core, (_, u) = self.core, arrived.get(topics.ACTUATORS, (0, None))
-        if self.links.has(topics.ACTUATORS):
+        if self.links.has(topics.ACTUATORS) or core.alone:
             u = core.fallback.after(u, core.y[MEAS.rate])
         core.u[:] = core.u if u is None else u
         self._go_on(tick)
@@ -533,7 +539,8 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         """Sentence about a missing command, or a clock that stands still."""
         silent = self.core.pace.silent
         if topics.ACTUATORS in silent:
-            return _NO_COMMAND if self.values["lockstep"] else _FALLS_BACK
+            holds = self.values["lockstep"] and not self.core.alone
+            return _NO_COMMAND if holds else _FALLS_BACK
         return _NO_CLOCK if topics.CLOCK in silent else ""
 
     # --- real time ---------------------------------------------------------------------------

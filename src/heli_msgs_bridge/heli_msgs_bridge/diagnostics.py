@@ -38,6 +38,9 @@ FACT_STATE = "state"
 FACT_REFUSED = "refused."
 """What every node calls the messages of a topic, whose name follows, that it has refused: how many,
 and why the last one (`refusal_text`)."""
+FACT_MISSING = "missing_peers"
+"""What every node calls the peers that do not listen to it yet: those that it waits for, or without
+which it has begun."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
 FACT_GPS_LATENCY = "gps_latency_ns"

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the graph's nodes: the stages of their life, inputs and outputs, peers."""
+"""Base of the graph's nodes: the stages of their life, inputs and outputs."""
 
 import contextlib
-import queue
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
+import numpy as np
+from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
@@ -30,6 +29,7 @@ from heli_core.ticks import Rate, stamp_at
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import (
     FACT_FLOOD,
+    FACT_MISSING,
     REPEAT_S,
     Level,
     NodeState,
@@ -37,14 +37,14 @@ from heli_msgs_bridge.diagnostics import (
     hardware_of,
 )
 from heli_msgs_bridge.handover import respawns
+from heli_msgs_bridge.parameter_updates import Decision, ParameterUpdates
+from heli_msgs_bridge.peers import LOOK_S, PeerWait, begun_without, in_order, still_missing
 from heli_msgs_bridge.services import (
     ALWAYS_ANSWERED,
-    MOST_ORDERS,
     Later,
     RequestLimit,
     chosen,
     descriptor,
-    error_line,
     guard,
     not_flooded,
     ros_value,
@@ -102,34 +102,6 @@ class NodeStartError(Exception):
     """A node cannot start; the message is one line for the user."""
 
 
-class AbsentPeersError(NodeStartError):
-    """Nobody listens to a topic that must be heard before a node may start.
-
-    Attributes
-    ----------
-    topic : str
-    peers : frozenset of str
-        Who does not listen.
-    waited_s : float
-        For how long, wall time.
-    """
-
-    def __init__(self, topic: str, peers: frozenset[str], waited_s: float) -> None:
-        super().__init__(
-            f"nobody listens to '{topic}' after {waited_s:.3g} s: missing {_in_order(peers)}"
-        )
-        self.topic, self.peers, self.waited_s = topic, peers, waited_s
-
-
-def waiting_for(peers: Iterable[str]) -> str:
-    """What a node says while it waits for peers that get ready."""
-    return f"waiting for {_in_order(peers)} to get ready"
-
-
-def _in_order(peers: Iterable[str]) -> str:
-    return ", ".join(sorted(peers))
-
-
 @dataclass(frozen=True)
 class NodeSpec:
     """What a node is.
@@ -174,277 +146,6 @@ class NodeSpec:
         values = load(table, self.default_files(), self.name)
         entries = stated(table, params_files, name or self.name, rules)
         return values | {key: entry.value for key, entry in entries.items()}
-
-
-# -------------------------------------------------------------------------------------------------
-# The wait for a node's peers: who must listen, under whatever name, before the node takes part.
-#
-# A node subscribes when it has been configured, its kernels compiled (`ManagedNode.hear`), so a
-# peer
-# that listens is ready. One that is in the graph and does not listen yet gets ready: the first
-# start
-# after an installation compiles, a minute or two on two cores.
-# -------------------------------------------------------------------------------------------------
-
-READY_LIMIT_S = 600.0
-"""How long (wall time) a peer may take that is there and gets ready."""
-_POLL_S, _LOOK_S = 0.002, 0.1
-# Who waits for long leaves the processor to those who compile.
-_PATIENT_AFTER_S, _PATIENT_POLL_S = 2.0, 0.05
-
-
-@dataclass(frozen=True)
-class Absent:
-    """A topic that lacks listeners.
-
-    Attributes
-    ----------
-    topic : str
-    peers : frozenset of str
-        Who does not listen.
-    connected : bool
-        False if all do, and are not connected yet.
-    """
-
-    topic: str
-    peers: frozenset[str]
-    connected: bool = True
-
-
-def _names(node: "ManagedNode", peer: str) -> set[str]:
-    """A peer's own name, and those under which somebody sends what it sends (`-r __node:=`)."""
-    sent = [topic.name for topic in topics.TABLE if topic.source == (peer,)]
-    senders = [node.get_publishers_info_by_topic(node.resolve_topic_name(name)) for name in sent]
-    return {peer, *(info.node_name for infos in senders for info in infos)}
-
-
-def _missing(node: "ManagedNode", topic: str, expected: Iterable[str]) -> frozenset[str]:
-    infos = node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))
-    listening = {info.node_name for info in infos}
-    left = set(expected) - listening
-    return frozenset(peer for peer in left if not _names(node, peer) & listening)
-
-
-def _all_absent(node: "ManagedNode") -> Iterator[Absent]:
-    for topic, publisher in node.outputs.items():
-        expected = node.expected_listeners(topic)
-        if not expected:
-            continue
-        missing = _missing(node, topic, expected)
-        if missing:
-            yield Absent(topic, missing)
-        elif publisher.get_subscription_count() < len(expected):
-            yield Absent(topic, frozenset(expected), connected=False)
-    for topic, listeners in node.awaited_links().items():
-        if missing := _missing(node, topic, listeners):
-            yield Absent(topic, missing)
-
-
-def absent(node: "ManagedNode") -> Absent | None:
-    """First topic that lacks listeners; None if nobody is waited for.
-
-    Raises
-    ------
-    ExternalShutdownException
-        The process was asked to end.
-    """
-    try:
-        lacking = next(_all_absent(node), None)
-    except Exception:
-        # A look at the graph fails when ROS ends under it.
-        if not node.leaving():
-            raise
-    if node.leaving():
-        raise ExternalShutdownException
-    return lacking
-
-
-def _get_ready(node: "ManagedNode", lacking: Absent) -> bool:
-    """Whether all who do not listen are in the graph; the recorder compiles nothing."""
-    if "recorder" in lacking.peers:
-        return False
-    # The clock of a world is in no aircraft's namespace.
-    spaces = (node.get_namespace(), "/")
-    there = {name for name, space in node.get_node_names_and_namespaces() if space in spaces}
-    return lacking.connected and all(_names(node, peer) & there for peer in lacking.peers)
-
-
-def wait_for_peers(node: "ManagedNode") -> None:
-    """Block until every expected listener is connected.
-
-    Raises
-    ------
-    AbsentPeersError
-        Naming topic and missing nodes, when for `connect_timeout_s` of wall time they were not in
-        the graph, or for `READY_LIMIT_S` did not get ready.
-    """
-    limit_s = node.values["connect_timeout_s"]
-    begun_s = looked_s = time.monotonic()
-    deadline_s = begun_s + limit_s
-    while (lacking := absent(node)) is not None:
-        now_s = time.monotonic()
-        if now_s - looked_s > _LOOK_S:
-            looked_s = now_s
-            if _get_ready(node, lacking) and now_s - begun_s < READY_LIMIT_S:
-                deadline_s = now_s + limit_s
-                node.report(Level.OK, waiting_for(lacking.peers), state=NodeState.WAITING)
-        if now_s > deadline_s:
-            raise AbsentPeersError(lacking.topic, lacking.peers, now_s - begun_s)
-        time.sleep(_POLL_S if now_s - begun_s < _PATIENT_AFTER_S else _PATIENT_POLL_S)
-
-
-# -------------------------------------------------------------------------------------------------
-# Changes of parameters are judged beside the flight, and adopted between two ticks.
-#
-# A judgement may take seconds (the synthesis of a control law); meanwhile the node steps as
-# before.
-# It is made in a thread of its own, one after the other in the order in which they were asked for;
-# the answer of the parameter service comes after it.
-# -------------------------------------------------------------------------------------------------
-
-
-@dataclass
-class Decision:
-    """What `validate` made of changed values, or the ValueError that refuses them."""
-
-    changes: dict[str, Any]
-    judged: Any = None
-    refusal: ValueError | None = None
-
-
-@dataclass
-class ParameterRequest:
-    """A service call: groups of parameters that are set together, one group after the other.
-
-    Attributes
-    ----------
-    groups : sequence of list
-        As in the request.
-    later : Later
-        The answer.
-    response : callable
-        Makes it from the results.
-    results : list
-        Of the groups that are done.
-    """
-
-    groups: Sequence[list[Any]]
-    later: Later
-    response: Callable[[list[SetParametersResult]], Any]
-    results: list[SetParametersResult] = field(default_factory=list)
-
-
-class ParameterUpdates:
-    """Orders to change parameters, in a queue; everything but `validate` runs between two ticks.
-
-    Parameters
-    ----------
-    node : TableNode
-        Its `validate` is called in another thread, and changes nothing.
-    """
-
-    def __init__(self, node: "TableNode") -> None:
-        self._node = node
-        self._orders: deque[ParameterRequest] = deque()
-        self._work: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._thread: threading.Thread | None = None
-        self._busy = False
-
-    def one_by_one(self, request: Any, response: Any) -> Later:
-        """Callback of `set_parameters`."""
-
-        def answer(results: list[SetParametersResult]) -> Any:
-            response.results = results
-            return response
-
-        return self._take([[message] for message in request.parameters], answer)
-
-    def together(self, request: Any, response: Any) -> Later:
-        """Callback of `set_parameters_atomically`."""
-
-        def answer(results: list[SetParametersResult]) -> Any:
-            (response.result,) = results
-            return response
-
-        return self._take([list(request.parameters)], answer)
-
-    def _take(self, groups: Sequence[list[Any]], response: Callable[..., Any]) -> Later:
-        if len(self._orders) >= MOST_ORDERS:
-            raise ValueError(f"{MOST_ORDERS} changes wait for their judgement: ask again later")
-        order = ParameterRequest(groups, Later(), response)
-        self._orders.append(order)
-        self._go_on()
-        return order.later
-
-    def _go_on(self) -> None:
-        """Carry orders out, as far as no judgement is under way."""
-        while self._orders and not self._busy:
-            order = self._orders[0]
-            if len(order.results) == len(order.groups):
-                self._orders.popleft()
-                order.later.answer(order.response(order.results))
-                continue
-            try:
-                asked = order.groups[len(order.results)]
-                group = [self._prepared(RosParameter.from_parameter_msg(m)) for m in asked]
-                changes = self._node.needs_validation(group)
-            except Exception as error:
-                reason = error_line(error)
-                order.results.append(SetParametersResult(successful=False, reason=reason))
-                continue
-            if changes:
-                self._begin(group, changes)
-            else:
-                order.results.append(self._set(group, None))
-
-    def _prepared(self, parameter: RosParameter) -> RosParameter:
-        value = self._node.prepared(parameter.name, parameter.value)
-        return parameter if value is parameter.value else RosParameter(parameter.name, value=value)
-
-    def _set(self, group: list[RosParameter], verdict: Decision | None) -> SetParametersResult:
-        self._node.decision = verdict
-        try:
-            return self._node.set_parameters_atomically(group)
-        except ParameterNotDeclaredException as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        finally:
-            self._node.decision = None
-
-    def _begin(self, group: list[RosParameter], changes: dict[str, Any]) -> None:
-        """Have a group judged, on the values and the stage of now."""
-        node, self._busy = self._node, True
-        values, revision = {**node.values, **changes}, node.revision
-
-        def work() -> None:
-            verdict = Decision(changes)
-            try:
-                verdict.judged = node.validate(values, changes.keys())
-            except ValueError as error:
-                verdict.refusal = error
-            except Exception as error:
-                verdict.refusal = ValueError(error_line(error))
-            # While the process ends nobody waits for a verdict, nor takes one.
-            if (executor := node.executor) is not None:
-                with contextlib.suppress(Exception):
-                    executor.create_task(self._judged, group, verdict, revision)
-
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._judge_all, daemon=True)
-            self._thread.start()
-        self._work.put(work)
-
-    def _judge_all(self) -> None:
-        while True:
-            self._work.get()()
-
-    def _judged(self, group: list[RosParameter], verdict: Decision, revision: int) -> None:
-        """Back between two ticks: adopt, or judge again if the node has changed meanwhile."""
-        if revision != self._node.revision:
-            self._begin(group, verdict.changes)
-            return
-        self._busy = False
-        self._orders[0].results.append(self._set(group, verdict))
-        self._go_on()
 
 
 # -------------------------------------------------------------------------------------------------
@@ -520,10 +221,10 @@ class TableNode(LifecycleNode):
             hardware_of(self.get_namespace()),
             self.rate.hz,
         )
-        judging = ParameterUpdates(self)
+        self.updates = ParameterUpdates(self)
         callbacks: dict[Any, Any] = {
-            SetParameters: judging.one_by_one,
-            SetParametersAtomically: judging.together,
+            SetParameters: self.updates.one_by_one,
+            SetParametersAtomically: self.updates.together,
         }
         for service in self.services:
             service.callback = callbacks.get(service.srv_type, service.callback)
@@ -598,14 +299,19 @@ class TableNode(LifecycleNode):
             or self._reporter.is_due(self.tick, health.level, health.message, health.state)
         ):
             self.urgent = False
-            facts, now_ns = {**health.facts, **self.flood_facts()}, self.now_ns()
+            facts, now_ns = {**health.facts, **self.standing_facts()}, self.now_ns()
             self._reporter.publish(
                 now_ns, self.tick, health.level, health.message, facts, health.state, repeated
             )
 
-    def flood_facts(self) -> dict[str, str]:
-        """What was refused because it came too often."""
+    def standing_facts(self) -> dict[str, str]:
+        """What is told besides, whatever the node says of its work."""
         return {}
+
+    @property
+    def in_transition(self) -> bool:
+        """Whether it is on its way to another state: its parameters stay as they are meanwhile."""
+        return False
 
     def now_ns(self) -> int:
         """The node's time, for the stamp of what it says of itself: that of its last tick."""
@@ -618,17 +324,16 @@ class TableNode(LifecycleNode):
 
     # --- parameters at run time ------------------------------------------------------------------
 
-    def _changes(self, parameters: Iterable[Any]) -> dict[str, Any]:
-        """Values of the table's parameters, in the cores' form."""
+    def changes(self, parameters: Iterable[Any]) -> dict[str, Any]:
+        """Values of the table's parameters that would be others, in the cores' form."""
         known = [p for p in parameters if p.name in self._table]
-        return {p.name: self._table[p.name].check(p.value) for p in known}
+        asked = {p.name: self._table[p.name].check(p.value) for p in known}
+        return {n: v for n, v in asked.items() if not np.array_equal(v, self.values[n])}
 
-    def needs_validation(self, parameters: Iterable[Any]) -> dict[str, Any]:
-        """Changes of these parameters if they need a judgement; none if their table refuses one."""
-        known = [p for p in parameters if p.name in self._table]
-        if any(why_refused(self._table.values(), p.name, p.value) for p in known):
-            return {}
-        return self._changes(known)
+    def is_settled(self, parameter: Any) -> bool:
+        """Whether a parameter needs no judgement: its table refuses it, or it is in no table."""
+        name, value = parameter.name, parameter.value
+        return name not in self._table or bool(why_refused(self._table.values(), name, value))
 
     def _validate_set(self, parameters: list[Any]) -> SetParametersResult:
         """Answer of the node to a change that is asked for; the change itself is `_apply_set`."""
@@ -636,7 +341,7 @@ class TableNode(LifecycleNode):
             reason = why_refused(self._table.values(), parameter.name, parameter.value)
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
-        changes = self._changes(parameters)
+        changes = self.changes(parameters)
         if not changes:
             return SetParametersResult(successful=True)
         try:
@@ -652,7 +357,7 @@ class TableNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _apply_set(self, parameters: list[Any]) -> None:
-        changes = self._changes(parameters)
+        changes = self.changes(parameters)
         if changes:
             self.values.update(changes)
             self.changed.update(changes)
@@ -668,6 +373,13 @@ _REPEATED_TICKS = 400
 """Real time: of so many ticks a sender repeats its messages to who is started again."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _ERROR = TransitionCallbackReturn.ERROR
+_ONE_BUILDS = threading.Lock()
+"""Of several nodes in one process: numba compiles one kernel at a time."""
+
+
+def _nothing() -> None:
+    """What is left of a stage that has not begun."""
+
 
 Core = TypeVar("Core")
 """Data of a node while it is configured."""
@@ -682,7 +394,10 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     - built: `values`, until the process ends;
     - configured: `core`, made by `configure`, given back by `release`;
-    - active: `run`, made by `engage`, gone after `disengage`.
+    - active: `run`, made by `engage` when its peers listen, gone after `disengage`.
+
+    It answers in all of them, and between them: what takes long is made in a thread of its own
+    (`BESIDE`), and who waits for its peers looks for them now and then.
 
     Sub-classes set `SPEC`, implement `configure`, and of the other hooks what they need.
     Publishers, subscriptions and timers made by `create_topic_publisher`, `subscribe` and
@@ -693,6 +408,10 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     ----------
     failure : str
         Why the last transition failed; empty if it did not.
+    not_started : bool
+        Whether it could not configure or activate itself; the process then ends with code 2.
+    missing : frozenset of str
+        Peers without which it has begun, and that do not listen yet.
     finished : bool
         Set by a node whose work is done; the process then ends with `exit_code`.
     exit_code : int
@@ -714,6 +433,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     PATIENCE_S: ClassVar[float] = 0.0
     """Wall time for which what comes may wait: a node for which nobody waits lets the others go
     first, and takes many messages at once."""
+    BESIDE: ClassVar[bool] = False
+    """Whether `configure` takes long, so that a thread of its own makes it where the executor
+    runs. It then subscribes by `subscribe` alone."""
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
@@ -723,9 +445,13 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         self.asked_to_end: Callable[[], bool] = lambda: False
         self.notify_end: Callable[[], None] = lambda: None
         self.outputs: dict[str, Any] = {}
+        self.not_started, self.missing = False, frozenset[str]()
         self._core: Core | None = None
         self._run: Run | None = None
         self._active = False
+        self._wait: PeerWait | None = None
+        self._looks: Any = None
+        self._building: threading.Thread | None = None
         self._ends: list[ExitStack] = []
         self._unheard: list[Callable[[], None]] = []
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -743,7 +469,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         """Build the core, publishers and subscriptions from `values`; may raise."""
 
     def engage(self) -> Run:
-        """Make the data of the active stage, when all peers are connected; may raise."""
+        """Make the data of the active stage, when the peers are connected; may raise."""
         return cast(Run, None)
 
     def begin(self) -> None:
@@ -783,8 +509,14 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     @property
     def active(self) -> bool:
-        """True from activation to deactivation."""
+        """True while it takes part: from activation, or the end of its wait for peers, to
+        deactivation."""
         return self._active
+
+    @property
+    def in_transition(self) -> bool:
+        """Whether it is being configured in a thread of its own."""
+        return self._building is not None
 
     @property
     def core(self) -> Core:
@@ -876,26 +608,31 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         guard(service, self.requests.warn, self.requests.flooded)
         self.at_end(partial(self.destroy_service, service))
 
-    def flood_facts(self) -> dict[str, str]:
-        """How many requests came too often, if any did."""
+    def standing_facts(self) -> dict[str, str]:
+        """How many requests came too often, if any did; who is waited for or missed."""
         flood = self.requests.summary()
-        return {FACT_FLOOD: flood} if flood else {}
+        missing = in_order(self.missing if self._wait is None else self._wait.missing)
+        facts = {FACT_FLOOD: flood, FACT_MISSING: missing}
+        return {key: text for key, text in facts.items() if text}
 
-    def create_wall_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Call this every so many seconds of wall time."""
+    def create_wall_timer(self, period_s: float, callback: Callable[[], None]) -> Any:
+        """Call this every so many seconds of wall time; returns the timer."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         timer = self.create_timer(period_s, self.guarded(callback), clock=steady)
         self.at_end(lambda: self.destroy_timer(timer))
+        return timer
 
     def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
         """The callback, whose exception ends the process in one line instead of a trace.
 
-        It is called as long as the present stage lasts, if any: what comes late is nobody's.
+        It is called as long as the present stage lasts, if any: what comes late is nobody's, and
+        before all of it has been built there is nothing to do.
         """
         stage = self._ends[-1] if self._ends else None
 
         def call(*args: Any) -> None:
-            if self.crash is None and (stage is None or stage in self._ends):
+            lasts = stage is None or (stage in self._ends and not self.in_transition)
+            if self.crash is None and lasts:
                 try:
                     callback(*args)
                 except Exception as error:
@@ -924,13 +661,20 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self.failure = f"{type(error).__name__}: {error}"
             self.report(Level.ERROR, self.failure, state=NodeState.FAILED)
             return _FAILURE
-        self.report(Level.OK, to.value, state=to)
+        if self._wait is not None:
+            self.report(Level.OK, self._wait.sentence, state=NodeState.WAITING)
+        elif self.missing and to == NodeState.ACTIVE:
+            self.report(Level.WARN, begun_without(self.missing), state=to)
+        else:
+            self.report(Level.OK, to.value, state=to)
         return _SUCCESS
 
     def _change_state(self, request: Any, response: Any) -> Any:
         """Service callback: a transition that is not possible is refused, with the reason."""
         machine = self._state_machine
-        possible = {label: number for number, label, *_ in machine.available_transitions}
+        between = self.in_transition
+        transitions = () if between else machine.available_transitions
+        possible = {label: number for number, label, *_ in transitions}
         self.failure = ""
         try:
             number = chosen(request.transition, possible, machine.current_state[1])
@@ -939,46 +683,152 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self.get_logger().warning(f"refused: {error}")
             response.success = False
             return response
-        response.success = trigger_of(self, number)() == _SUCCESS
-        return response
+        if number != Transition.TRANSITION_CONFIGURE or not self.BESIDE:
+            response.success = trigger_of(self, number)() == _SUCCESS
+            return response
+        later = Later()
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle callback: build everything from the present parameters."""
+        def answer(result: TransitionCallbackReturn) -> None:
+            response.success = result == _SUCCESS
+            later.answer(response)
 
-        def action() -> None:
-            self._ends.append(ExitStack())
-            self._unheard.clear()
-            self._core = self.configure()
-            for listen in self._unheard:
-                listen()
+        self._configure_beside(answer)
+        return later
 
-        result = self._transition(action, NodeState.CONFIGURED)
+    def start_itself(self) -> None:
+        """Configure, then activate; called once the executor serves this node."""
+
+        def activate(configured: TransitionCallbackReturn) -> None:
+            done = configured == _SUCCESS and not self.leaving()
+            if not done or self.trigger_activate() != _SUCCESS:
+                self.not_started = True
+                self.notify_end()
+
+        if self.BESIDE:
+            self._configure_beside(activate)
+        else:
+            activate(self.trigger_configure())
+
+    def _build(self) -> Core:
+        """Build everything from the present parameters."""
+        self._ends.append(ExitStack())
+        self._unheard.clear()
+        return self.configure()
+
+    def _built(self, core: Core) -> None:
+        """Be configured: listen to what comes."""
+        self._core = core
+        for listen in self._unheard:
+            listen()
+
+    def _configure_beside(self, then: Callable[[TransitionCallbackReturn], None]) -> None:
+        """Configure in a thread of its own; `then` is called in the executor's.
+
+        Meanwhile the state is `configuring`, and everything but a transition is answered.
+        """
+        machine, made = self._state_machine, list[Core]()
+        failed: list[Exception] = []
+        machine.trigger_transition_by_id(Transition.TRANSITION_CONFIGURE, True)
+
+        def build() -> None:
+            with _ONE_BUILDS:
+                try:
+                    made.append(self._build())
+                except Exception as error:
+                    failed.append(error)
+            # While the process ends nobody waits for it.
+            if (executor := self.executor) is not None:
+                with contextlib.suppress(Exception):
+                    executor.create_task(finish)
+
+        def take() -> None:
+            if failed:
+                raise failed[0]
+            self._built(made[0])
+
+        def finish() -> None:
+            self._building = None
+            result = self._take_configured(take)
+            machine.trigger_transition_by_label(result.to_label(), True)
+            then(result)
+            self.updates.go_on()
+
+        self._building = threading.Thread(target=build, name="configure", daemon=True)
+        self._building.start()
+
+    def _take_configured(self, take: Callable[[], None]) -> TransitionCallbackReturn:
+        result = self._transition(take, NodeState.CONFIGURED)
         if result != _SUCCESS:
             self._leave_configured()
         return result
 
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: build everything from the present parameters."""
+        return self._take_configured(lambda: self._built(self._build()))
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle callback: wait for peers, then take part."""
+        """Lifecycle callback: take part, at once or when the peers listen."""
 
         def action() -> None:
             self._ends.append(ExitStack())
-            wait_for_peers(self)
-            LifecycleNode.on_activate(self, state)
-            self._run = self.engage()
-            self._active = True
-            self.begin()
+            self._wait = PeerWait(self)
+            if self._wait.over():
+                self._take_part()
+            else:
+                self._looks = self.create_wall_timer(LOOK_S, self._look_for_peers)
 
         result = self._transition(action, NodeState.ACTIVE)
         if result != _SUCCESS:
-            if self._active:
-                self.disengage()
-            self._leave_active()
-            LifecycleNode.on_deactivate(self, state)
+            self._let_go(state)
         return result
+
+    def _look_for_peers(self) -> None:
+        """Take part if the wait is over; if that fails, be inactive, and say why."""
+        wait = self._wait
+        if wait is None or self.leaving():
+            return
+        if wait.over():
+            self.destroy_timer(self._looks)
+            if self._transition(self._take_part, NodeState.ACTIVE) != _SUCCESS:
+                failure = self.failure
+                self.trigger_deactivate()
+                self.failure, self.not_started = failure, bool(self.values["autostart"])
+                self.report(Level.ERROR, failure, state=NodeState.FAILED)
+                self.notify_end()
+        elif wait.sentence:
+            self.report(Level.OK, wait.sentence, state=NodeState.WAITING)
+
+    def _take_part(self) -> None:
+        """The wait is over: send, and begin."""
+        assert self._wait is not None
+        self.missing, self._wait = self._wait.missing, None
+        if self.missing:
+            self.create_wall_timer(REPEAT_S, self._look_for_missing)
+        LifecycleNode.on_activate(self, self._lifecycle_state())
+        self._run = self.engage()
+        self._active = True
+        self.begin()
+
+    def _look_for_missing(self) -> None:
+        """Of the peers without which it has begun, note who has come."""
+        if self.missing and not self.leaving():
+            self.missing = still_missing(self, self.missing)
+
+    def _lifecycle_state(self) -> LifecycleState:
+        number, label = self._state_machine.current_state
+        return LifecycleState(label=label, state_id=number)
+
+    def _let_go(self, state: LifecycleState) -> None:
+        """Leave the active stage, whose beginning has failed."""
+        if self._active:
+            self.disengage()
+        self._leave_active()
+        LifecycleNode.on_deactivate(self, state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: stop sending. It cannot fail: an error ends in `on_error`."""
-        result = self._transition(self.disengage, NodeState.INACTIVE)
+        engaged, self._wait = self._active, None
+        result = self._transition(self.disengage if engaged else _nothing, NodeState.INACTIVE)
         self._leave_active()
         LifecycleNode.on_deactivate(self, state)
         return _SUCCESS if result == _SUCCESS else _ERROR
@@ -993,7 +843,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         """Lifecycle callback: everything is given back, then the process ends."""
         self.finished = True
         self.notify_end()
-        if self._active:
+        if self._active or self._wait is not None:
             self.on_deactivate(state)
         if self.configured:
             self.on_cleanup(state)
@@ -1012,7 +862,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         return _SUCCESS
 
     def _leave_active(self) -> None:
-        self._active, self._run = False, None
+        self._active, self._run, self._wait = False, None, None
+        self.missing = frozenset()
         self._ends.pop().close()
 
     def _leave_configured(self) -> None:
@@ -1021,11 +872,13 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     def end(self) -> None:
         """The process ends, in whatever stage: last words, and everything is given back."""
+        if self._building is not None:
+            self._building.join()
         try:
             if self.configured:
                 self.release()
         finally:
-            self._active, self._run = False, None
+            self._active, self._run, self._wait = False, None, None
             while self._ends:
                 self._ends.pop().close()
             # rclpy forgets it, and it holds the node: Fast DDS would leave its shared memory.

@@ -344,7 +344,7 @@ class Lockstep:
         Called when topics have become silent.
     leads : bool
         True for the node that makes time: it begins at tick 0, and goes on, one step per `look`,
-        when even its trigger is silent.
+        when even its trigger is silent. So `look` is to be called once a tick.
     now_s : callable, optional
         Wall time, s.
     refused : callable, optional
@@ -390,6 +390,11 @@ class Lockstep:
         """Do (not) wait for these topics; what comes of them is used nevertheless."""
         for topic in topics:
             self._assembler.waive(topic, not expected)
+
+    def go_without(self, topics: Iterable[str]) -> None:
+        """Call topics silent whose senders are known to be absent; until they come."""
+        self.silent.update(topics)
+        self.expect(topics, False)
 
     def start(self, after: int | None = None, backlog: Backlog | None = None) -> None:
         """Begin, with what came while the node was getting ready; or go on after a pause.
@@ -498,8 +503,7 @@ class Lockstep:
         waits = self._trigger in missing and not self._leads
         if not missing or waits or self._now_s() - self._progress_s < self._peer_timeout_s:
             return
-        self.silent.update(missing)
-        self.expect(missing, False)
+        self.go_without(missing)
         self._on_silence()
         if self._trigger in missing:
             self._make_step()
@@ -573,6 +577,9 @@ class RealTime:
 
     def expect(self, topics: Iterable[str], expected: bool) -> None:
         """Nothing is waited for, so there is nothing to change."""
+
+    def go_without(self, topics: Iterable[str]) -> None:
+        """The same: who keeps time notices by itself that nobody commands."""
 
     def start(self, after: int | None = None, backlog: Backlog | None = None) -> None:
         """Begin to step, or go on after a pause; with a backlog, from what it collects."""

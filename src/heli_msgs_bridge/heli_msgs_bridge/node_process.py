@@ -22,7 +22,6 @@ from typing import Any, TypeVar
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -243,7 +242,6 @@ def outlasts_set_clock(executor: Executor, nodes: Sequence[Node] = ()) -> Iterat
 # Node process.
 # -------------------------------------------------------------------------------------------------
 
-_SUCCESS = TransitionCallbackReturn.SUCCESS
 Made = TypeVar("Made")
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -380,7 +378,7 @@ def _spin(nodes: Sequence[ManagedNode], ending: Ending) -> int:
     ending.wake_by(spinning.stop)
     try:
         with outlasts_set_clock(executor, nodes):
-            return _serve(nodes, spinning)
+            return _serve(nodes, executor, spinning)
     finally:
         ending.wake_by(None)
         # It holds the nodes' parts, which could not be destroyed then.
@@ -389,39 +387,29 @@ def _spin(nodes: Sequence[ManagedNode], ending: Ending) -> int:
 
 # How often one looks whether ROS has ended, s.
 _LOOK_S = 0.5
-# How long Python lets a thread that judges parameters run while the flight waits, s.
+# How long Python lets a thread that configures or judges run while the executor waits, s.
 _SWITCH_S = 0.0005
 
 
-def _begin(nodes: Sequence[ManagedNode]) -> bool:
-    """Have those that start themselves do so; False if they were asked to end meanwhile."""
-    self_starting = [node for node in nodes if node.values["autostart"]]
-    # Who is activated waits for its peers, which may be among those that are configured here.
-    steps = (
-        [node.trigger_configure for node in self_starting],
-        [node.trigger_activate for node in self_starting],
-    )
-    for transitions in steps:
-        for node, transition in zip(self_starting, transitions, strict=True):
-            if transition() != _SUCCESS:
-                if node.leaving():
-                    return False
-                raise _Failed(node.SPEC.name, node.failure, 2)
-    return True
+def _over(node: ManagedNode) -> bool:
+    return node.leaving() or node.finished or node.not_started or node.crash is not None
 
 
-def _serve(nodes: Sequence[ManagedNode], spinning: Spinning) -> int:
-    if not _begin(nodes):
-        return 0
+def _serve(nodes: Sequence[ManagedNode], executor: Executor, spinning: Spinning) -> int:
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()
-    while not any(node.leaving() or node.finished or node.crash is not None for node in nodes):
+    for node in nodes:
+        if node.values["autostart"]:
+            executor.create_task(node.start_itself)
+    while not any(map(_over, nodes)):
         spinning.serve()
     for node in nodes:
         if node.crash is not None:
             message = f"failed in flight: {type(node.crash).__name__}: {node.crash}"
             raise _Failed(node.SPEC.name, message, 1) from node.crash
+        if node.not_started and not node.leaving():
+            raise _Failed(node.SPEC.name, node.failure, 2)
     return max(node.exit_code for node in nodes)
 
 

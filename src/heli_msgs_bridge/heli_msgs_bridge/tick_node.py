@@ -319,6 +319,8 @@ NodeCore = TypeVar("NodeCore", bound=TickCore)
 class TickNode(RespawnableNode[NodeCore, Run]):
     """Collects inputs by tick and calls `step` (`stepping` says when)."""
 
+    BESIDE = True
+
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self._owners: dict[str, PublisherLock] = {}
@@ -381,7 +383,8 @@ class TickNode(RespawnableNode[NodeCore, Run]):
                 leads,
                 refused=refused,
             )
-            self.create_wall_timer(_WATCH_PERIOD_S, pace.look)
+            # Who leads flies at the pace of the wall clock where nobody commands.
+            self.create_wall_timer(self.rate.tick_s if leads else _WATCH_PERIOD_S, pace.look)
         else:
             trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
             pace = RealTime(

@@ -1,24 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wait for peers: for one that gets ready long, for one that is not there not for long."""
 
-import threading
+import time
 
 import pytest
 import rclpy
-from rclpy.executors import ExternalShutdownException
 
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import NodeState
-from heli_msgs_bridge.lifecycle_node import (
-    AbsentPeersError,
-    ManagedNode,
-    NodeSpec,
-    wait_for_peers,
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
+from heli_msgs_bridge.peers import (
+    ALONE_S,
+    READY_LIMIT_S,
+    PeerWait,
+    still_missing,
     waiting_for,
 )
 
-LIMIT_S = 0.1
-GIVEN_UP = "nobody listens to 'imu/data_raw' after {:.3g} s: missing observer"
+CONNECT_S = 30.0
+LIMIT_S = 120.0
 
 
 class Sender(ManagedNode):
@@ -28,7 +27,7 @@ class Sender(ManagedNode):
     links = ()
 
     def __init__(self, values, **options):
-        self.waiting_reports, self.heard_early = threading.Semaphore(0), []
+        self.heard_early = []
         super().__init__(values, **options)
 
     def configure(self):
@@ -39,16 +38,42 @@ class Sender(ManagedNode):
     def awaited_links(self):
         return dict(self.links)
 
-    def report(self, level, message, facts=None, state=NodeState.RUNNING):
-        super().report(level, message, facts, state)
-        if state == NodeState.WAITING:
-            self.waiting_reports.release()
+
+class Wait(PeerWait):
+    """A wait by a clock of its own, s."""
+
+    def __init__(self, node):
+        self.s = 0.0
+        super().__init__(node, lambda: self.s)
+
+    def over_after(self, s):
+        self.s += s
+        return self.over()
+
+    def until(self, condition):
+        """Look, while its clock stands still, until the graph has made something known."""
+        deadline_s = time.monotonic() + LIMIT_S
+        over = False
+        while not condition(over):
+            assert time.monotonic() < deadline_s
+            self._looked_s = self._named_s = -LIMIT_S
+            over = self.over()
+
+    def ends(self):
+        """Whether it ends with what the graph makes known."""
+        self.until(lambda over: over)
+        return True
+
+    def says(self, sentence):
+        """Whether it comes to say this."""
+        self.until(lambda over: self.sentence == sentence)
+        return True
 
 
 @pytest.fixture
 def sender(ros_context):
     """A configured node with the observer as its peer."""
-    values = Sender.SPEC.resolve() | {"peers": ("observer",), "connect_timeout_s": LIMIT_S}
+    values = Sender.SPEC.resolve() | {"peers": ("observer",), "connect_timeout_s": CONNECT_S}
     node = Sender(values, context=ros_context)
     node.trigger_configure()
     yield node
@@ -75,72 +100,72 @@ def hear(node, topic):
     node.create_subscription(kind, topic, print, topics.qos(topic))
 
 
-def await_reports(sender, times):
-    """Wait until the sender has said so many times more that it waits."""
-    assert all(sender.waiting_reports.acquire(timeout=120) for _ in range(times))
-
-
-def waits(sender):
-    """Wait in a thread; returns what tells with which error it failed, if it did."""
-    failure = []
-
-    def wait():
-        try:
-            wait_for_peers(sender)
-        except Exception as error:
-            failure.append(error)
-
-    thread = threading.Thread(target=wait)
-    thread.start()
-
-    def ended():
-        thread.join(120.0)
-        assert not thread.is_alive()
-        return failure[0] if failure else None
-
-    return ended
-
-
 def test_one_that_compiles_is_waited_for_beyond_the_limit(sender, peer):
     observer = peer("observer")
-    ended = waits(sender)
-    # It says so ten times a second: this is five times the limit.
-    await_reports(sender, 5)
+    wait = Wait(sender)
+    assert not wait.over() and not wait.over_after(5 * CONNECT_S)
+    assert wait.sentence == waiting_for({"observer"})
     hear(observer, topics.IMU)
-    assert ended() is None
-    assert sender.health.state == NodeState.WAITING
-    assert sender.health.message == waiting_for({"observer"})
+    assert wait.ends() and not wait.missing
+
+
+def test_one_that_compiles_is_not_waited_for_for_ever(sender, peer):
+    peer("observer")
+    wait = Wait(sender)
+    assert not wait.over_after(READY_LIMIT_S - 1.0)
+    assert not wait.over_after(2.0) and wait.over_after(CONNECT_S)
+    assert wait.missing == {"observer"}
 
 
 def test_one_that_is_not_there_is_given_up(sender, peer):
-    peer("observer", "/another")
-    error = waits(sender)()
-    assert isinstance(error, AbsentPeersError)
-    assert (error.topic, error.peers) == (topics.IMU, {"observer"})
-    assert error.waited_s >= LIMIT_S and str(error) == GIVEN_UP.format(error.waited_s)
+    """Another node of the graph is there, so it may come; that of another graph is none."""
+    peer("observer", "/another"), peer("recorder")
+    wait = Wait(sender)
+    assert not wait.over_after(CONNECT_S - 1.0)
+    assert wait.sentence == waiting_for({"observer"}, False, CONNECT_S)
+    assert wait.over_after(2.0) and wait.missing == {"observer"}
+
+
+def test_one_that_is_alone_begins_soon(sender, peer):
+    """Tools of the command line are no company."""
+    peer("_ros2cli_daemon"), peer("rviz")
+    wait = Wait(sender)
+    assert not wait.over_after(ALONE_S - 1.0)
+    assert wait.sentence == waiting_for({"observer"}, False, ALONE_S)
+    assert wait.over_after(2.0) and wait.missing == {"observer"}
+
+
+def test_who_is_missed_may_come_later(sender, peer):
+    missing = {"observer", "inner_loop"}
+    sender.links = {topics.ODOM: {"inner_loop"}}
+    assert still_missing(sender, missing) == missing
+    hear(peer("inner_loop"), topics.ODOM)
+    deadline_s = time.monotonic() + LIMIT_S
+    while still_missing(sender, missing) != {"observer"}:
+        assert time.monotonic() < deadline_s
 
 
 @pytest.mark.slow
 def test_one_that_ends_while_it_compiles_is_given_up(sender, peer, ros_context):
+    peer("recorder")
     context = rclpy.Context()
     rclpy.init(args=[], context=context, domain_id=ros_context.get_domain_id())
     observer = rclpy.create_node("observer", context=context)
-    # Long enough for another participant to be discovered.
-    sender.values["connect_timeout_s"] = 3.0
-    ended = waits(sender)
-    await_reports(sender, 1)
+    wait = Wait(sender)
+    assert wait.says(waiting_for({"observer"}))
     observer.destroy_node()
     rclpy.shutdown(context=context)
-    assert ended().peers == {"observer"}
+    assert wait.says(waiting_for({"observer"}, False, CONNECT_S))
+    assert wait.over_after(CONNECT_S + 1.0) and wait.missing == {"observer"}
 
 
 def test_another_name_is_known_by_what_it_sends(sender, peer):
     nav = peer("nav")
-    ended = waits(sender)
+    wait = Wait(sender)
     kind = topics.message_class(topics.BY_NAME[topics.ODOM].type)
     nav.create_publisher(kind, topics.ODOM, topics.qos(topics.ODOM))
     hear(nav, topics.IMU)
-    assert ended() is None
+    assert wait.ends()
 
 
 def test_links_between_others_are_waited_for(sender, peer):
@@ -148,19 +173,18 @@ def test_links_between_others_are_waited_for(sender, peer):
     sender.links = {topics.ODOM: {"inner_loop"}}
     hear(peer("observer"), topics.IMU)
     inner = peer("inner_loop")
-    ended = waits(sender)
-    await_reports(sender, 3)
+    wait = Wait(sender)
+    assert wait.says(waiting_for({"inner_loop"}))
     hear(inner, topics.ODOM)
-    assert ended() is None
-    assert sender.health.message == waiting_for({"inner_loop"})
+    assert wait.ends()
 
 
-def test_one_that_is_asked_to_end_ceases_to_wait(sender, peer, ros_context):
+def test_one_that_is_asked_to_end_does_not_begin(sender, peer, ros_context):
     peer("observer")
-    ended = waits(sender)
-    await_reports(sender, 1)
+    wait = Wait(sender)
+    assert not wait.over()
     ros_context.try_shutdown()
-    assert isinstance(ended(), ExternalShutdownException)
+    assert not wait.over_after(2 * READY_LIMIT_S)
 
 
 def test_who_is_not_configured_does_not_listen(sender):

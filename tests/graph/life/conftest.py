@@ -99,34 +99,50 @@ class Crew:
                 if node.crash is not None:
                     raise node.crash
 
-    def call(self, kind, name, request):
-        """Answer of a service by its full name."""
+    def ask(self, kind, name, request):
+        """Future of a service's answer, by its full name."""
         key = (kind, name)
         if key not in self._clients:
             self._clients[key] = self.client.create_client(kind, name)
         client = self._clients[key]
         self.spin_until(client.service_is_ready)
-        future = client.call_async(request)
+        return client.call_async(request)
+
+    def call(self, kind, name, request):
+        """Answer of a service by its full name."""
+        future = self.ask(kind, name, request)
         self.spin_until(future.done)
         return future.result()
 
-    def change(self, name, transition=0, label=""):
-        """Ask for a transition; whether it came about."""
+    def ask_to_change(self, name, transition=0, label=""):
+        """Future of a transition's answer."""
         request = ChangeState.Request()
         request.transition.id, request.transition.label = transition, label
-        return self.call(ChangeState, f"/{name}/change_state", request).success
+        return self.ask(ChangeState, f"/{name}/change_state", request)
+
+    def change(self, name, transition=0, label=""):
+        """Ask for a transition; whether it came about."""
+        future = self.ask_to_change(name, transition, label)
+        self.spin_until(future.done)
+        return future.result().success
 
     def state(self, name):
         return self.call(GetState, f"/{name}/get_state", GetState.Request()).current_state.id
 
-    def set(self, name, **values):
-        """Results of setting parameters, one by one."""
+    def ask_to_set(self, name, **values):
+        """Future of the answer to setting parameters, one by one."""
         request = SetParameters.Request()
         request.parameters = [
             Parameter(key.replace("__", "."), value=value).to_parameter_msg()
             for key, value in values.items()
         ]
-        return self.call(SetParameters, f"/{name}/set_parameters", request).results
+        return self.ask(SetParameters, f"/{name}/set_parameters", request)
+
+    def set(self, name, **values):
+        """Results of setting parameters, one by one."""
+        future = self.ask_to_set(name, **values)
+        self.spin_until(future.done)
+        return future.result().results
 
     def bring_up(self, *names):
         for transition in (CONFIGURE, ACTIVATE):

@@ -8,6 +8,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from heli_inner_hinf.design import AttitudeConfig
+from heli_msgs_bridge.services import ros_value
 
 FLYING = ("outer_loop", "inner_loop", "observer", "plant")
 DEACTIVATE, CLEANUP = 4, 2
@@ -86,23 +87,51 @@ def test_the_flight_goes_on_while_a_law_is_judged(crew, held, lockstep):
 
 
 def test_orders_are_carried_out_one_after_the_other(crew, held):
-    """Each is judged on what the one before has made, and answered in its turn."""
+    """Each is judged on what the one before has made, and answered in its turn: once, and only
+    where it is refused each of its parameters alone."""
     one = crew("inner_loop")
     assert one.change("inner_loop", 1)
     synthesis = held()
-    first = ask(one, SetParametersAtomically, gamma=0.08, controller="hinf")
-    second, third = ask(one, gamma=0.03, controller="lqr"), ask(one, gamma=0.09)
+    first = ask(one, SetParametersAtomically, output__gamma=5.0, gamma=0.08)
+    second, third = ask(one, output__gamma=0.5, gamma=0.07), ask(one, gamma=0.09)
     one.spin_until(lambda: synthesis.begun)
     synthesis.let_go()
     one.spin_until(first.done)
     assert first.result().result.successful and not third.done()
-    synthesis.let_go(3)
+    synthesis.let_go(4)
     one.spin_until(third.done)
     assert [result.successful for result in second.result().results] == [False, True]
     assert third.result().results[0].successful
     node = one.nodes["inner_loop"]
-    assert node.values["gamma"] == 0.09 and node.values["controller"] == "lqr"
-    assert synthesis.begun == 4
+    assert node.values["gamma"] == 0.09 and node.values[GAMMA] == 5.0
+    assert synthesis.begun == 5
+
+
+def test_what_does_not_change_is_not_judged_and_many_are_judged_once(crew, held):
+    """As `ros2 param load` asks: all parameters of a node at once, most as they are."""
+    one = crew("inner_loop")
+    node = one.nodes["inner_loop"]
+    assert one.change("inner_loop", 1)
+    synthesis, before, revision = held(), node.core.design.config, node.revision
+    free = {row.name for row in node.SPEC.full_table() if not row.read_only}
+    dump = {name: ros_value(node.values[name]) for name in sorted(free)}
+    rows = [Parameter(name, value=value).to_parameter_msg() for name, value in dump.items()]
+    for kind, service in (
+        (SetParameters, "set_parameters"),
+        (SetParametersAtomically, "set_parameters_atomically"),
+    ):
+        answer = one.call(kind, f"/inner_loop/{service}", kind.Request(parameters=rows))
+        results = answer.results if kind is SetParameters else [answer.result]
+        assert all(result.successful for result in results)
+    assert len(rows) > 20 and synthesis.begun == 0 and node.revision == revision
+    assert node.core.design.config is before
+    dump |= {GAMMA: 5.0, "gamma": 0.08}
+    rows = [Parameter(name, value=value).to_parameter_msg() for name, value in dump.items()]
+    synthesis.let_go()
+    request = SetParameters.Request(parameters=rows)
+    results = one.call(SetParameters, "/inner_loop/set_parameters", request).results
+    assert all(result.successful for result in results) and synthesis.begun == 1
+    assert node.values[GAMMA] == 5.0 and node.values["gamma"] == 0.08
 
 
 def test_a_node_that_has_changed_meanwhile_judges_again(crew, held):

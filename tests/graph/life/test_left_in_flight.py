@@ -10,7 +10,7 @@ from heli_msgs_bridge.diagnostics import Level, NodeState
 
 FLYING = ("scenario", "outer_loop", "inner_loop", "observer", "plant")
 ACTIVATE, DEACTIVATE = 3, 4
-LOOK_S = 0.05
+TICK_S = 0.01
 
 
 def assert_it_flies_on(one):
@@ -51,7 +51,8 @@ def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
 
 @pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
 def test_a_node_left_for_long_is_named_and_flown_without(crew, name):
-    """After `peer_timeout_s` the flight goes on with what was commanded last, slowly."""
+    """After `peer_timeout_s` the flight goes on with what was commanded last, no faster than the
+    wall clock."""
     one, plant, node = left_in_flight(crew, name, peer_timeout_s=0.3)
     # The outer loop is the inner one's to miss, the others are the plant's.
     misses = one.nodes["inner_loop" if name == "outer_loop" else "plant"]
@@ -59,8 +60,7 @@ def test_a_node_left_for_long_is_named_and_flown_without(crew, name):
     begun_s, begun_tick = time.monotonic(), plant.tick
     one.fly(10)
     if name != "outer_loop":
-        # A tick per look at the peers: 20 in a second of wall time.
-        assert plant.tick - begun_tick <= (time.monotonic() - begun_s) / LOOK_S + 2
+        assert plant.tick - begun_tick <= (time.monotonic() - begun_s) / TICK_S + 2
         assert plant.health.state == NodeState.WITHOUT_INPUT
         assert "'actuators'" in plant.health.message and "inner_loop" in plant.health.message
     assert one.change(name, ACTIVATE)

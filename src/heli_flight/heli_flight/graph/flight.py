@@ -61,7 +61,7 @@ from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameters import NODE_NAME as LIVE
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED, NodeState
-from heli_msgs_bridge.lifecycle_node import READY_LIMIT_S
+from heli_msgs_bridge.peers import READY_LIMIT_S
 from heli_msgs_bridge.signatures import KEY_VARIABLE, SUMS_VARIABLE, flight_key
 from heli_msgs_bridge.sources import SENDERS
 
@@ -660,9 +660,9 @@ class Graph:
         up.publish_reference(self.settings.scenario, start_ns)
 
     def _activate(self, up: Supervisor) -> None:
-        activate, limit = Transition.TRANSITION_ACTIVATE, _TRANSITION_LIMIT_S
-        up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
-        up.transition(["plant"], activate, limit, self.check)
+        for names in (["observer", "inner_loop", "outer_loop"], ["plant"]):
+            up.transition(names, Transition.TRANSITION_ACTIVATE, _TRANSITION_LIMIT_S, self.check)
+            up.wait_for_peers(names, _TRANSITION_LIMIT_S, self.check)
 
     def _configure(self, up: Supervisor, names: Sequence[str]) -> None:
         """Configure nodes; where the kernels are not in the cache, they compile for minutes."""

@@ -226,7 +226,7 @@ class NodeStatus:
         return state_of(self.facts, self.message)
 
 
-class Voices:
+class NodeReports:
     """What the nodes of one namespace say; who else speaks under a node's name is not believed.
 
     Parameters

@@ -15,7 +15,7 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from heli_flight.graph.lifecycle import Lifecycle, Voices
+from heli_flight.graph.lifecycle import Lifecycle, NodeReports
 from heli_flight.graph.manager import TABLE, Command, Manager, Order, SystemState
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
@@ -44,13 +44,13 @@ class Crew:
     Attributes
     ----------
     lifecycle : Lifecycle
-    voices : Voices
+    reports : NodeReports
     manager : Manager
     restarts : Restarts
     """
 
     lifecycle: Lifecycle
-    voices: Voices
+    reports: NodeReports
     manager: Manager
     restarts: Restarts
 
@@ -72,15 +72,15 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
         self.at_end(lifecycle.close)
         signature = signature_of(self.resolve_topic_name(topics.DIAGNOSTICS))
         genuine = None if signature is None else signature.is_genuine
-        voices = Voices(self.get_namespace(), self.get_name(), genuine)
-        manager = Manager(self.values, lifecycle, self._tell, partial(_reason, voices))
+        reports = NodeReports(self.get_namespace(), self.get_name(), genuine)
+        manager = Manager(self.values, lifecycle, self._tell, partial(_reason, reports))
         self._listen()
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.subscribe(topics.CLOCK, self._take_clock, newest, raw=True)
-        return Crew(lifecycle, voices, manager, Restarts())
+        return Crew(lifecycle, reports, manager, Restarts())
 
     def _listen(self) -> None:
-        """Hear /diagnostics with each message's number, by which `Voices` knows its sender."""
+        """Hear /diagnostics with each message's number, by which `NodeReports` knows its sender."""
         kind = topics.message_class(topics.BY_NAME[topics.DIAGNOSTICS].type)
         heard = taking_info(self.guarded(with_info(self._hear)))
         subscription = self.create_subscription(
@@ -105,8 +105,8 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
         if not self.configured:
             return
         core = self.core
-        for name in core.voices.hear(raw, info):
-            core.manager.heard(name, core.voices.statuses[name].state)
+        for name in core.reports.hear(raw, info):
+            core.manager.heard(name, core.reports.statuses[name].state)
 
     def _advance(self) -> None:
         if self.configured:
@@ -115,7 +115,7 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
     def _look(self) -> None:
         core = self.core
         for name in core.restarts.news():
-            core.voices.forget(name)
+            core.reports.forget(name)
             core.manager.restarted(name)
         core.manager.advance()
 
@@ -142,9 +142,9 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
         self.report(level, sentence, facts, _STATES.get(state, NodeState.RUNNING))
 
 
-def _reason(voices: Voices, name: str) -> str:
+def _reason(reports: NodeReports, name: str) -> str:
     """What a node has said of its failure."""
-    status = voices.statuses.get(name)
+    status = reports.statuses.get(name)
     return status.message if status is not None and status.level > 0 else ""
 
 

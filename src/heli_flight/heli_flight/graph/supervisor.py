@@ -21,12 +21,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_core.ticks import NS_PER_S, TICK_NS
-from heli_flight.graph.lifecycle import TRANSITIONS, BringUpError, Lifecycle, NodeStatus, Voices
+from heli_flight.graph.lifecycle import TRANSITIONS, BringUpError, Lifecycle, NodeStatus, NodeReports
 from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
-from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of
+from heli_msgs_bridge.diagnostics import FACT_MISSING, Level, NodeState, Reporter, hardware_of
 from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_msgs_bridge.signatures import signature_of, signing
 from heli_msgs_bridge.sources import (
@@ -46,6 +46,8 @@ _REASON_LIMIT_S = 10.0
 DEAF = "deaf"
 """Key of the sentence that the recorder did not answer at the end."""
 _LOOP = ("observer", "inner_loop", "outer_loop")
+# States in which a node that was activated does not take part yet; None: it has not spoken.
+_BEFORE = (None, NodeState.CONFIGURED, NodeState.INACTIVE, NodeState.WAITING)
 
 
 class Supervisor(Node):
@@ -80,8 +82,8 @@ class Supervisor(Node):
         )
         signature = signature_of(self.resolve_topic_name(topics.DIAGNOSTICS), key)
         genuine = None if signature is None else signature.is_genuine
-        self._voices = Voices(self.get_namespace(), NODE_NAME, genuine)
-        self.statuses = self._voices.statuses
+        self._reports = NodeReports(self.get_namespace(), NODE_NAME, genuine)
+        self.statuses = self._reports.statuses
         self._start_ns = self._now_ns = 0
         self._reporter: Reporter | None = None
         self.create_subscription(
@@ -127,14 +129,14 @@ class Supervisor(Node):
 
     def forget(self, name: str) -> None:
         """A node is started again: what it has said, and by which publisher, is past."""
-        self._voices.forget(name)
+        self._reports.forget(name)
 
     def _on_diagnostics(self, raw: bytes, info: Info | None) -> None:
         """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain.
 
         Who else speaks under a node's name is not believed: one word "over" would end the flight.
         """
-        self._voices.hear(raw, info, self._is_past)
+        self._reports.hear(raw, info, self._is_past)
 
     def _is_past(self, name: str) -> bool:
         """Whether the flight is over for a node: that the plant is silent then is no news."""
@@ -270,6 +272,36 @@ class Supervisor(Node):
                 self.wait_until(lambda: self._has_failed(refused[0]), _REASON_LIMIT_S, check)
             raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}", refused[0])
 
+    def wait_for_peers(
+        self, names: Sequence[str], limit_s: float, check: Callable[[], None]
+    ) -> None:
+        """Wait until nodes that are active take part: all who must hear them listen.
+
+        Raises
+        ------
+        BringUpError
+            Names the node that waits, has begun without a peer, or has failed, and says why.
+        """
+
+        def waits() -> list[str]:
+            return [name for name in names if self._state_of(name) in _BEFORE]
+
+        def decided() -> bool:
+            return not waits() or any(map(self._has_failed, names))
+
+        if not self.wait_until(decided, limit_s, check):
+            name = waits()[0]
+            said = self.statuses[name].message if name in self.statuses else "silent"
+            raise BringUpError(f"{name}: {said}, after {limit_s:g} s")
+        for name in names:
+            status = self.statuses.get(name)
+            if self._has_failed(name) or (status and FACT_MISSING in status.facts):
+                raise BringUpError(f"{name}: did not begin as it should", name)
+
+    def _state_of(self, name: str) -> NodeState | None:
+        status = self.statuses.get(name)
+        return None if status is None else status.state
+
     def close_bag(self, limit_s: float) -> None:
         """Deactivate the recorder: what has reached it is in the bag once it has confirmed.
 
@@ -285,8 +317,7 @@ class Supervisor(Node):
         self.wait_until(self._has_last_word, limit_s, lambda: None)
 
     def _has_failed(self, name: str) -> bool:
-        status = self.statuses.get(name)
-        return status is not None and status.state == NodeState.FAILED
+        return self._state_of(name) == NodeState.FAILED
 
     def _has_last_word(self) -> bool:
         status = self.statuses.get("recorder")
