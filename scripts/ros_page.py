@@ -91,7 +91,7 @@ All are reliable. History: the last {topics.DEPTH} messages, volatile; where the
 "latched", the last one, or as many as it says, transient local, for who comes late.
 Subscribers of default QoS meet all of them; who asks for best effort does, too. `/tf` and
 `/tf_static` are sent where `tf2_msgs` is installed: the PyPI wheels do not hold it. No
-flight needs the last four.
+flight needs the last five. `robot_state_publisher` turns the main rotor by `joint_states`.
 `excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token, and the outer loop for each command that it flies. Yours to send are `goto`, or by

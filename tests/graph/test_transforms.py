@@ -55,10 +55,14 @@ def test_a_flight_tells_where_its_frames_are(stand_in, hover_test, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     bag = tmp_path / "flight/bag"
     ((_, description),) = recorded(bag, "/robot_description")
-    links = {e.get("name") for e in ElementTree.fromstring(description.data).findall("link")}
+    robot = ElementTree.fromstring(description.data)
+    joints = robot.findall("joint[@type='fixed']")
+    links = {joint.find("child").get("link") for joint in joints}
     ((_, static),) = recorded(bag, "/tf_static")
     fixed = {(t.header.frame_id, t.child_frame_id) for t in static.transforms}
-    assert fixed == {("base_link", link) for link in links - {"base_link"}}
+    assert fixed == {("base_link", link) for link in links}
+    (turning,) = {j.get("name") for j in robot.findall("joint[@type='continuous']")}
+    assert {tuple(m.name) for _, m in recorded(bag, "/joint_states")} == {(turning,)}
 
     moving = [message.transforms for _, message in recorded(bag, "/tf")]
     assert 8 * 25 * 0.8 < len(moving) <= 8 * 25

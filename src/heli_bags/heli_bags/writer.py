@@ -1019,7 +1019,7 @@ class BagRecorder:
 
     def _sent_ns(self, name: str, raw: bytes) -> int:
         """When a message of the graph was sent, as its sender says; negative: it does not say."""
-        if name in topics.BY_NAME:
+        if name in topics.BY_NAME or name == topics.JOINT_STATES:
             return stamp_of(raw) + self._latency_ns.get(name, 0)
         return stamp_of_first(raw) if name in (topics.TF, topics.TF_STATIC) else -1
 

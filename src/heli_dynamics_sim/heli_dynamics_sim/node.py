@@ -36,7 +36,13 @@ from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import FIX_STATUS
 from heli_msgs_bridge.lifecycle_node import NodeSpec, NodeStartError
 from heli_msgs_bridge.lockstep import Arrived, Demand, RealTime
-from heli_msgs_bridge.messages import ClockEncoder, encode_text, encode_transforms, fixed_to_base
+from heli_msgs_bridge.messages import (
+    ClockEncoder,
+    encode_joint,
+    encode_text,
+    encode_transforms,
+    fixed_to_base,
+)
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.sources import others_in_words
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
@@ -78,6 +84,10 @@ class ConfiguredPlant(TickCore):
         What came and went in flight.
     describe : list of callable
         Send what the aircraft looks like, latched.
+    send_joint : callable
+        Sends the bytes of the joint that turns.
+    turned_rad : float
+        How far it has turned, 0 to 2 pi.
     truth_sums : sums.SumWriter or None
         Of the ground truth that is sent, for who scores the flight.
     periods : tuple of int
@@ -94,6 +104,8 @@ class ConfiguredPlant(TickCore):
     fallback: Fallback
     send: dict[str, Send]
     send_clock: Callable[[bytes], None] | None
+    send_joint: Callable[[bytes], None]
+    turned_rad: float = 0.0
     y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.size))
     joints: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS.size))
     gust: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -129,11 +141,13 @@ class ActivePlant:
 # -------------------------------------------------------------------------------------------------
 # The aircraft as URDF, its size, mass and inertia those of its parameters. No ROS.
 #
-# All joints are fixed: the blades turn too fast to be drawn and their tilt is in the scene's
-# markers.
+# One joint turns, that which `rotor_speed` names: robot_state_publisher moves the blades by
+# `joint_states`. All others are fixed; the tilt of the disc is in the scene's markers.
 # -------------------------------------------------------------------------------------------------
 
 BASE, AIRFRAME = "base_link", "airframe"
+BLADES, (TURNING,) = "main_rotor_blades", topics.ROTOR_SPEED_NAMES
+"""The link that turns, and its joint: clockwise seen from above is positive."""
 _BODY, _DARK, _DISC = "body", "dark", "disc"
 _RGBA = {_BODY: "0.16 0.38 0.65 1", _DARK: "0.15 0.15 0.17 1", _DISC: "0.55 0.6 0.65 0.35"}
 # How things are drawn of which the parameters say nothing: thickness, m, and parts of their length.
@@ -223,7 +237,7 @@ def robot_description(
     Returns
     -------
     str
-        XML: `base_link` at the c.g., FLU, and what is fixed to it.
+        XML: `base_link` at the c.g., FLU, what is fixed to it, and the blades.
     """
     robot = Xml.Element("robot", name=name)
     for colour, rgba in _RGBA.items():
@@ -241,6 +255,16 @@ def robot_description(
             _disc(link, aircraft.main_radius_m)
         elif child == "tail_rotor":
             _disc(link, aircraft.tail_radius_m, (0.5 * math.pi, 0.0, 0.0))
+    joint = Xml.SubElement(robot, "joint", name=TURNING, type="continuous")
+    Xml.SubElement(joint, "parent", link=frame("main_rotor"))
+    Xml.SubElement(joint, "child", link=frame(BLADES))
+    Xml.SubElement(joint, "axis", xyz="0 0 -1")
+    span_m = 2.0 * aircraft.main_radius_m
+    _box(
+        Xml.SubElement(robot, "link", name=frame(BLADES)),
+        (span_m, 0.5 * _SLENDER * span_m, _THIN_M),
+        _DARK,
+    )
     Xml.indent(robot)
     return Xml.tostring(robot, encoding="unicode", xml_declaration=True)
 
@@ -291,6 +315,7 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
             fallback=Fallback(FallbackNumbers.from_parameters(self.values), trim),
             send=self._make_senders(config, truth_sums),
             send_clock=None if self._in_a_world else self.create_topic_publisher(topics.CLOCK),
+            send_joint=self.create_topic_publisher(topics.JOINT_STATES),
             pace=self.listen(self._inputs(), leads=True),
             truth_sums=truth_sums,
         )
@@ -459,6 +484,7 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
             send[topics.EXCITATION_WIND](core.gust, stamp_ns)
         core.joints[JOINTS.rotor], core.joints[JOINTS.servo] = x[PLANT.rotor], x[PLANT.servo]
         send[topics.TRUTH_ROTOR](core.joints, stamp_ns)
+        self._turn(float(x[PLANT.omega]), stamp_ns)
         if core.send_clock is not None:
             core.send_clock(_ENCODE_CLOCK(stamp_ns))
         fault = acting(core.config.faults, self.rate.seconds(tick))
@@ -467,6 +493,13 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         elif self.has_news(fault or _FLYING):
             level = Level.WARN if fault else Level.OK
             self.warn_or_ok(level, fault or self.silence() or _FLYING, self._facts_now())
+
+    def _turn(self, speed_radps: float, stamp_ns: int) -> None:
+        """Turn the main rotor on by a tick, and tell now and then how it stands."""
+        core = self.core
+        if self.tick % self.rate.every(topics.KNOWN[topics.JOINT_STATES].every_ticks) == 0:
+            core.send_joint(encode_joint(TURNING, core.turned_rad, speed_radps, stamp_ns))
+        core.turned_rad = math.fmod(core.turned_rad + speed_radps * self.rate.tick_s, math.tau)
 
     def _facts_now(self) -> dict[str, Any]:
         elapsed, flown = time.monotonic() - self.run.zero_s, self.tick * self.rate.tick_s

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The aircraft as URDF: whole, of its parameters' size, its links the frames of the messages."""
 
+import math
 from xml.etree import ElementTree as Xml
 
+import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from heli_dynamics_sim import node as description
@@ -58,7 +61,7 @@ def test_mass_inertia_and_sizes_are_those_of_the_parameters(name):
     ):
         disc = robot.find(f"link[@name='{rotor}']/visual/geometry/cylinder")
         assert float(disc.get("radius")) == pytest.approx(radius_m, rel=1e-5)
-    for joint in robot.findall("joint"):
+    for joint in robot.findall("joint[@type='fixed']"):
         at = [float(value) for value in joint.find("origin").get("xyz").split()]
         assert at == pytest.approx(mounts(aircraft)[joint.find("child").get("link")], rel=1e-5)
     assert mounts(aircraft)["main_rotor"] == (0.0, 0.0, aircraft.hub_height_m)
@@ -74,6 +77,33 @@ def test_every_frame_of_a_message_is_a_link_or_of_the_world():
     _, robot = urdf("helion")
     frames = {frame for channel in CHANNELS.values() for frame in channel.frames}
     assert frames - {frame_ids.MAP} <= links(robot)
+
+
+@pytest.mark.parametrize("frame", [str, "heli2/{}".format])
+def test_the_joint_that_turns_is_the_one_that_joint_states_and_rotor_speed_name(frame):
+    """Of robot_state_publisher: who has no position for a name, or another name, turns nothing."""
+    _, robot = urdf("helion", frame=frame)
+    (joint,) = [j for j in robot.findall("joint") if j.get("type") != "fixed"]
+    assert (joint.get("type"), joint.get("name")) == ("continuous", *topics.ROTOR_SPEED_NAMES)
+    assert joint.find("parent").get("link") == frame("main_rotor")
+    assert joint.find("axis").get("xyz") == "0 0 -1", "clockwise from above, z is up"
+
+
+def test_joint_states_turn_with_the_rotor(bench):
+    plant = bench(PlantNode)
+    plant.fly()
+    for tick in range(40):
+        plant.send(topics.ACTUATORS, tick, np.zeros(4))
+    sent = [deserialize_message(raw, JointState) for raw in plant.sent[topics.JOINT_STATES]]
+    assert {tuple(m.name) for m in sent} == {topics.ROTOR_SPEED_NAMES}
+    assert {(len(m.position), len(m.velocity), len(m.effort)) for m in sent} == {(1, 1, 0)}
+    stamps_s = [m.header.stamp.sec + m.header.stamp.nanosec / 1e9 for m in sent]
+    assert np.diff(stamps_s) == pytest.approx(0.04) and len(sent) == 11
+    (measured,) = plant.sent[topics.ROTOR_SPEED][-1]
+    assert sent[-1].velocity[0] == pytest.approx(measured, rel=0.02)
+    turned = (sent[-1].position[0] - sent[0].position[0]) % math.tau
+    mean = np.mean([m.velocity[0] for m in sent])
+    assert math.remainder(turned - mean * 0.4, math.tau) == pytest.approx(0.0, abs=0.2)
 
 
 def test_links_carry_the_namespace_as_the_frames_do():

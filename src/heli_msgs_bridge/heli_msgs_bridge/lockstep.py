@@ -208,6 +208,49 @@ class ClockGuard:
         return sets
 
 
+class TriggerClock:
+    """The flight's time in real time: by the trigger's stamps and the wall time since.
+
+    The trigger may come late. What it is made of goes another way: of a plant whose observer cannot
+    run for a while, `odom` comes late and `rotor_speed` does not. A late one says no more than that
+    time is not before its stamp, so the least late one of the last second or two counts.
+
+    Parameters
+    ----------
+    per_s : int
+        Ticks of a second.
+    now_s : callable
+        Wall time, s.
+    """
+
+    WINDOW_S = 1.0
+    """Wall time after which the clock may go back: time was shifted, or all comes later now."""
+
+    def __init__(self, per_s: int, now_s: Callable[[], float]) -> None:
+        self._per_s, self._now_s = per_s, now_s
+        # Tick and wall time of the least late one, in the window before and in the present one.
+        self._least_late: list[tuple[int, float]] = []
+        self._begun_s = 0.0
+
+    def now(self) -> int | None:
+        """Tick of now; None before the trigger has come."""
+        now_s = self._now_s()
+        ticks = [tick + int((now_s - at_s) * self._per_s) for tick, at_s in self._least_late]
+        return max(ticks, default=None)
+
+    def hear(self, tick: int) -> None:
+        """The trigger has come."""
+        now_s, present = self._now_s(), self._least_late[-1:]
+        if not present or now_s - self._begun_s >= self.WINDOW_S:
+            self._least_late, self._begun_s = [*present, (tick, now_s)], now_s
+        elif tick >= present[0][0] + int((now_s - present[0][1]) * self._per_s):
+            self._least_late[-1] = tick, now_s
+
+    def forget(self) -> None:
+        """Time has been set anew, or nobody steps."""
+        self._least_late.clear()
+
+
 def stamp_refusal(topic: str, stamp_ns: int, clock_ns: int, start_ns: int) -> str:
     """Why a stamp is refused.
 
@@ -319,6 +362,8 @@ _REPEATED_TICKS = 2
 by itself, so that a later one of the trigger does not mean that no more will come. Time stands
 still meanwhile: the trigger is ahead by one tick, if the predecessor died before it noted a step.
 """
+# Before all ticks.
+_NEVER = -(2**62)
 SILENT_S = 0.15
 """Real time: wall time after which a node that nothing triggers says so."""
 
@@ -377,7 +422,7 @@ class Lockstep:
         self._peer_timeout_s, self._leads = peer_timeout_s, leads
         self._collecting, self._stepping = True, False
         self._newest_trigger: int | None = None
-        self._repeated_until = -1
+        self._repeated_until = _NEVER
         self._progress_s = 0.0
         self.silent: set[str] = set()
 
@@ -434,7 +479,7 @@ class Lockstep:
         """Cease to step and forget what has been collected."""
         self._collecting = self._stepping = False
         self._assembler.reset()
-        self._newest_trigger, self._repeated_until = None, -1
+        self._newest_trigger, self._repeated_until = None, _NEVER
         self._setting.fits()
         self.silent.clear()
 
@@ -524,7 +569,7 @@ class Lockstep:
 class RealTime:
     """Steps when the trigger comes, with the newest of each topic since the last step.
 
-    Its clock is the trigger's newest tick and the wall time that has gone since.
+    Its clock is a `TriggerClock`.
 
     Parameters
     ----------
@@ -563,12 +608,13 @@ class RealTime:
         on_silence: Callable[[], None] = lambda: None,
     ) -> None:
         self._trigger, self._step = trigger, step
-        self._per_s, self._ahead = rate.hz, rate.of(AHEAD_TICKS)
+        self._ahead = rate.of(AHEAD_TICKS)
         self._own_tick, self._now_s, self._refused = own_tick, now_s, refused
         self._on_silence = on_silence
         self._stepping = self._paused = False
         self._backlog: Backlog | None = None
-        self._anchor: tuple[int, float] | None = None
+        self._clock = TriggerClock(rate.hz, now_s)
+        self._heard_s: float | None = None
         self._setting = ClockGuard()
         self._newest: dict[str, int] = {}
         self._arrived: dict[str, tuple[int, Any]] = {}
@@ -592,20 +638,16 @@ class RealTime:
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
         self._stepping = self._paused = False
-        self._anchor = self._backlog = None
+        self._heard_s = self._backlog = None
+        self._clock.forget()
         self._setting.fits()
         self._newest.clear()
         self._arrived.clear()
         self.silent.clear()
 
-    def _now_tick(self) -> int | None:
+    def now_tick(self) -> int | None:
         """The clock; None before the trigger has come."""
-        if self._own_tick is not None:
-            return self._own_tick()
-        if self._anchor is None:
-            return None
-        tick, at_s = self._anchor
-        return tick + int((self._now_s() - at_s) * self._per_s)
+        return self._clock.now() if self._own_tick is None else self._own_tick()
 
     def _fits(self, topic: str, tick: int, now: int | None) -> bool:
         """Whether a message is not ahead of the clock; a trigger that does not fit may set it."""
@@ -619,6 +661,7 @@ class RealTime:
             return True
         if sets and self._setting.sets_clock(tick, self._ahead):
             self._forget_from(tick)
+            self._clock.forget()
             return True
         self._refused(topic, tick, now)
         if tick > now:
@@ -641,7 +684,7 @@ class RealTime:
             self._backlog.take(topic, tick, value)
             self._catch_up(self._backlog)
             return
-        now = self._now_tick()
+        now = self.now_tick()
         if not self._fits(topic, tick, now):
             return
         known = self._newest.get(topic)
@@ -653,9 +696,10 @@ class RealTime:
             return
         if topic == self._trigger:
             self._newest[topic] = tick
-            if self._anchor is None:
+            if self._heard_s is None:
                 self._forget_from(tick + self._ahead + 1)
-            self._anchor = (tick, self._now_s())
+            self._heard_s = self._now_s()
+            self._clock.hear(tick)
             self.silent.discard(topic)
         else:
             # A stamp a little ahead must not make the next one late.
@@ -673,7 +717,8 @@ class RealTime:
         for tick, arrived in backlog.steps():
             for topic, (stamp, _) in arrived.items():
                 self._newest[topic] = stamp
-            self._anchor = (tick, self._now_s())
+            self._heard_s = self._now_s()
+            self._clock.hear(tick)
             self._step(tick, arrived)
 
     def collect(self) -> Arrived:
@@ -686,10 +731,10 @@ class RealTime:
 
     def look(self) -> None:
         """To be called now and then: notice that the trigger is silent. Nobody is waited for."""
-        trigger, anchor = self._trigger, self._anchor
-        if trigger is None or anchor is None or not self._stepping or trigger in self.silent:
+        trigger, heard_s = self._trigger, self._heard_s
+        if trigger is None or heard_s is None or not self._stepping or trigger in self.silent:
             return
-        if self._now_s() - anchor[1] > SILENT_S:
+        if self._now_s() - heard_s > SILENT_S:
             self.silent.add(trigger)
             self._on_silence()
 

@@ -339,6 +339,14 @@ def fixed_to_base(mounts: Mapping[str, Sequence[float]], namespace: str) -> list
     return [Transform(base, in_namespace(child, namespace), at) for child, at in mounts.items()]
 
 
+def encode_joint(name: str, position_rad: float, speed_radps: float, stamp_ns: int) -> bytes:
+    """Serialised `sensor_msgs/JointState` of one joint; what turns it has no frame, no effort."""
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    layout = Layout().put("i", sec).put("I", nanosec).text("").texts([name])
+    layout.put("I", 1).numbers([position_rad]).put("I", 1).numbers([speed_radps])
+    return bytes(layout.put("I", 0).data)
+
+
 def encode_text(text: str) -> bytes:
     """Serialised `std_msgs/String`."""
     return bytes(Layout().text(text).data)

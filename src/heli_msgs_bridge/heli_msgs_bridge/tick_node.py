@@ -575,6 +575,13 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         stamp_ns, clock_ns = self.stamp_ns(tick), self.stamp_ns(clock_tick)
         self.refuse_aloud(topic, stamp_refusal(topic, stamp_ns, clock_ns, self.start_ns))
 
+    @property
+    def now_tick(self) -> int:
+        """Tick of now: in real time the step's trigger may be late, and time goes on meanwhile."""
+        pace = self.core.pace
+        known = pace.now_tick() if isinstance(pace, RealTime) else None
+        return self.tick if known is None else max(self.tick, known)
+
     def stamp_ns(self, tick: int) -> int:
         """Message stamp of a tick."""
         return self.start_ns + tick * self.rate.tick_ns

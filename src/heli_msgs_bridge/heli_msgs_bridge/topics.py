@@ -51,6 +51,8 @@ EXCITATION_WIND = "excitation/wind"
 DIAGNOSTICS = "/diagnostics"
 TF, TF_STATIC = "/tf", "/tf_static"
 ROBOT_DESCRIPTION = "robot_description"
+JOINT_STATES = "joint_states"
+"""How far the main rotor has turned, and its speed: of the joint that `ROTOR_SPEED_NAMES` names."""
 SCENE = "scene"
 """Pictures of the flight (visualization_msgs/MarkerArray) from `live_view`; no part of the graph's
 data, so neither in the table nor in bags."""
@@ -183,9 +185,10 @@ TOOLS: tuple[Topic, ...] = (
     Topic(TF, _TRANSFORMS, _OBSERVER, (), 4),
     Topic(TF_STATIC, _TRANSFORMS, _PLANT, (), 0, latched=True),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", _PLANT, (), 0, latched=True),
+    Topic(JOINT_STATES, _JOINTS, _PLANT, (), 4),
 )
 """What RViz and its like want besides. No node waits for it, no flight needs it, and a type may be
-missing: tf2_msgs is not among the wheels. They carry no stamp in front."""
+missing: tf2_msgs is not among the wheels. But for the last they carry no stamp in front."""
 
 KNOWN: dict[str, Topic] = {topic.name: topic for topic in (*TABLE, *TOOLS)}
 
@@ -200,6 +203,7 @@ SENDING_ORDER: tuple[str, ...] = (
     TRUTH_WIND,
     EXCITATION_WIND,
     TRUTH_ROTOR,
+    JOINT_STATES,
     CLOCK,
     ODOM,
     ROTOR_STATE,

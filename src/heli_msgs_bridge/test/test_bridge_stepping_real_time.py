@@ -5,6 +5,8 @@ Which stamps are taken is said in `test_bridge_stepping_lockstep.py`; here the c
 from the newest trigger on.
 """
 
+import math
+
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -14,7 +16,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from heli_msgs_bridge.lockstep import AHEAD_TICKS, SILENT_S, RealTime
+from heli_msgs_bridge.lockstep import AHEAD_TICKS, SILENT_S, RealTime, TriggerClock
 
 TOPICS = ("odom", "rotor", "setpoint")
 
@@ -45,15 +47,15 @@ class RealTimeMachine(RuleBasedStateMachine):
 
     def forget(self):
         self.history, self.anchor, self.doubted = [], None, None
+        self.windows = []
         self.heard, self.is_silent = None, False
 
     def clock(self):
         if not self.trigger:
             return self.clock_tick
-        if self.anchor is None:
-            return None
-        tick, at_s = self.anchor
-        return tick + int((self.time_s - at_s) * 100)
+        # Of each window all that was heard in it; the last two count.
+        heard = [one for window in self.windows[-2:] for one in window]
+        return max((tick + int((self.time_s - at_s) * 100) for tick, at_s in heard), default=None)
 
     def newest(self, name):
         return max((counts for counts, topic, *_ in self.history if topic == name), default=None)
@@ -85,6 +87,7 @@ class RealTimeMachine(RuleBasedStateMachine):
             if before is not None and before < tick <= before + AHEAD_TICKS:
                 self.doubted = None
                 self.drop_topics_from(tick)
+                self.windows = []
                 return True
         self.expected_refused += 1
         return False
@@ -117,6 +120,10 @@ class RealTimeMachine(RuleBasedStateMachine):
         self.history.append([counts, name, tick, self.serial, False])
         if name == self.trigger:
             self.anchor = tick, self.time_s
+            begun_s = self.windows[-1][0][1] if self.windows else -math.inf
+            if self.time_s - begun_s >= TriggerClock.WINDOW_S:
+                self.windows.append([])
+            self.windows[-1].append(self.anchor)
             if tick >= 0 and self.stepping:
                 self.expected.append((tick, self.hand_out()))
 
@@ -196,3 +203,40 @@ def test_the_trigger_of_another_time_twice_in_a_row_sets_the_clock():
     for tick in (179_530_000, 5, 6, 7):
         pace.take("a", tick, 0)
     assert ticks == [179_530_000, 6, 7]
+
+
+def test_a_late_trigger_makes_nothing_else_early():
+    """The observer cannot run for 0.4 s, then catches up; the plant, and its sensors, go on."""
+    time_s, heard, refused = 0.0, [], []
+    pace = RealTime(
+        "odom", lambda tick, arrived: heard.append(arrived.get("rotor_speed")),
+        now_s=lambda: time_s, refused=lambda *odd: refused.append(odd),
+    )  # fmt: skip
+    pace.start()
+    held_up = range(50, 90)
+    for tick in range(300):
+        time_s = tick / 100
+        pace.take("rotor_speed", tick, tick)
+        for late in (*held_up, tick) if tick == held_up.stop else (tick,):
+            if tick not in held_up:
+                pace.take("odom", late, 0)
+                pace.take("rotor_speed", tick, tick)
+    assert refused == [] and pace.counters.ahead == 0
+    assert [heard[tick] for tick in (49, 50, 91)] == [(49, 49), (90, 90), (91, 91)]
+
+
+def test_a_trigger_that_stays_late_sets_the_clock_back():
+    """The plant could not run for a second, time was shifted: the clock is behind soon, too."""
+    time_s, refused = 0.0, []
+    pace = RealTime(
+        "odom", lambda tick, arrived: None,
+        now_s=lambda: time_s, refused=lambda *odd: refused.append(odd),
+    )  # fmt: skip
+    pace.start()
+    for tick in range(1000):
+        time_s = tick / 100
+        if not 300 <= tick < 400:
+            pace.take("odom", tick if tick < 300 else tick - 100, 0)
+        if tick == 700:
+            pace.take("rotor_speed", tick, 0)
+    assert refused == [("rotor_speed", 700, 600)]

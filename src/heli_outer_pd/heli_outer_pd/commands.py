@@ -412,7 +412,7 @@ class Commands:
     def _check_stamp(self, topic: str, stamp_ns: int, most_s: float) -> None:
         """MessageError unless a stamp is of the flight's time and young enough."""
         node = self._node
-        now_ns, ahead_ns = node.stamp_ns(node.tick), AHEAD_TICKS * TICK_NS
+        now_ns, ahead_ns = node.stamp_ns(node.now_tick), AHEAD_TICKS * TICK_NS
         oldest_ns = max(now_ns - round(most_s * NS_PER_S), node.start_ns)
         if not oldest_ns <= stamp_ns <= now_ns + ahead_ns:
             raise MessageError(

@@ -358,3 +358,21 @@ def test_in_the_attitude_test_there_is_no_position_to_go_to(bench):
     assert caught.value.cause is RefusalCause.NO_POSITION_LOOP
     outer.receive(topics.GOTO, pose(outer))
     assert outer.node.core.refused[topics.GOTO] == f"goto: {caught.value}"
+
+
+def test_in_real_time_a_late_estimate_makes_no_command_early(bench, monkeypatch):
+    """The observer cannot run for half a second; who commands has the time of /clock."""
+    outer = bench(OuterLoopNode, lockstep=False)
+    outer.fly()
+    wall_s = [0.0]
+    monkeypatch.setattr(outer.node.core.pace, "_now_s", lambda: wall_s[0])
+    monkeypatch.setattr(outer.node.core.pace._clock, "_now_s", lambda: wall_s[0])
+    for tick in range(200):
+        wall_s[0] = tick / 100
+        fly_ticks(outer, [tick])
+    wall_s[0] += 0.5
+    outer.receive(topics.GOTO, pose(outer, late_s=0.5))
+    assert topics.GOTO not in outer.node.core.refused
+    assert outer.node.run.diverted is not None
+    outer.receive(topics.GOTO, pose(outer, late_s=1.0))
+    assert "ahead of" in outer.node.core.refused[topics.GOTO]
