@@ -300,7 +300,10 @@ def _aircraft(launch_args, own=None):
 def _several(launch_args, fleet):
     """Several aircraft and the clock of their world; of each its namespace and what is its own."""
     if launch_args["live"] == "true":
-        raise ValueError(f"live:=true: shows one aircraft, not {len(fleet)}")
+        asked = launch_args["fleet"] and f"fleet:={launch_args['fleet']}"
+        raise ValueError(
+            f"live:=true: shows one aircraft, not {asked or 'aircraft:=' + launch_args['aircraft']}"
+        )
     base = launch_args["namespace"].strip("/")
     names = [f"{base}/{name}".strip("/") for name, _ in fleet]
     bags = Path(launch_args["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}")

@@ -12,8 +12,9 @@ from heli_core.parameters import ParameterError, load, with_common
 from heli_core.rows import PLANT
 from heli_dynamics_sim.parameters import TABLE
 from heli_flight.fleet import read_fleet, types
+from heli_flight.loop import simulate
 from heli_flight.scenario import TABLE as SCENARIO_TABLE
-from heli_flight.settings import seed_of
+from heli_flight.settings import resolve, seed_of
 from heli_msgs_bridge import topics
 from support.launched import flown
 
@@ -135,13 +136,22 @@ def test_what_does_not_go_starts_nothing(launch, fleet, other):
 
 @pytest.mark.slow
 def test_two_types_fly_side_by_side(launch, fleet, tmp_path, ros_env, living):
-    """Each begins at its place and hovers there, in one world's time."""
+    """Each begins at its place, and flies what it would fly alone."""
     bags = tmp_path / "bags"
     started = launch(*HOVER, f"fleet:={fleet()}", "duration:=3", f"bag:={bags}", "world:=paper")
     codes, printed = flown(started, tmp_path, ros_env, "/world_clock")
     assert living() == []
     assert codes == {0} and "going on" not in printed, printed
-    for name, place in (("red", [0, -5, -10]), ("blue", [3, 5, -12])):
-        truth = read_bag(bags / name).streams[topics.TRUTH_ODOM]
-        assert len(truth.stamp_ns) == 300
-        assert np.abs(truth.rows[:, PLANT.pos] - place).max() < 0.5
+    design = config_folder("heli_flight") / "designs/xcell60.yaml"
+    alone = {
+        "red": ([0.0, -5.0, -10.0], 0.0, seed_of(1, 0), []),
+        "blue": ([3.0, 5.0, -12.0], 90.0, 7, [design, tmp_path / "blue.yaml"]),
+    }
+    for name, (place, heading, seed, files) in alone.items():
+        truth = read_bag(bags / name).streams[topics.TRUTH_ODOM].rows
+        assert truth[0, PLANT.pos].tolist() == place
+        where = {"scenario": {"start_pos_ned_m": place, "heading_deg": heading}}
+        settings = resolve(
+            "hover", seed=seed, duration_s=3.0, world="paper", params=files, overrides=where
+        )
+        assert np.abs(truth[:, PLANT.pos] - simulate(settings).record.truth_pos_ned_m).max() < 1e-6

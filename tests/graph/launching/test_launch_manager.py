@@ -88,8 +88,13 @@ def test_a_led_flight_is_the_flight(launch, tmp_path, ros_env, living):
 @pytest.mark.slow
 def test_a_killed_node_is_brought_up_by_the_manager(launch, tmp_path, ros_env, living):
     """The manager is told of the death by launch, and the flight goes on to its end."""
-    bag = tmp_path / "bag"
+    bag, patient = tmp_path / "bag", tmp_path / "patient.yaml"
+    # On loaded cores a Python that loads the kernels takes longer than the ten seconds.
+    patient.write_text(
+        "/**/lifecycle_manager:\n  ros__parameters:\n    bond_respawn_max_duration: 120.0\n"
+    )
     words = (MANAGED, "respawn:=true", "duration:=20", f"bag:={bag}", "seed:=3")
+    words += (f"params_file:={patient}",)
     started = {node.name: node for node in launch(*HOVER, *words)}
     with contextlib.ExitStack() as ending:
 
