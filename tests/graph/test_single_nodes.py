@@ -14,7 +14,9 @@ from heli_outer_pd.state import OuterStatus
 RUN = [sys.executable, "-m", "heli_flight.cli.app", "run"]
 
 
-@pytest.mark.parametrize("navigation", ["observer", "navigator"])
+@pytest.mark.parametrize(
+    "navigation", [pytest.param("observer", marks=pytest.mark.slow), "navigator"]
+)
 def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living, navigation):
     """A namespace moves the whole graph; the plant ends by itself when the flight is over.
 
