@@ -93,14 +93,22 @@ def ros_context(own_domain):
         pytest.param((3000, 120, False), id="long", marks=pytest.mark.nightly),
     ]
 )
-def search(request):
+def search(request, monkeypatch):
     """Settings of hypothesis: the same examples in every run, or many new ones.
 
     Its parameter: number of examples, of steps in each, whether they are the same in every run.
     """
     from hypothesis import HealthCheck, settings
+    from hypothesis.internal.cache import LRUCache
+    from hypothesis.internal.conjecture import providers
+    from hypothesis.internal.constants_ast import Constants
 
     examples, steps, repeatable = request.param
+    if repeatable:
+        # Hypothesis tries numbers that stand in the modules that are loaded: what other tests of
+        # this process have imported would choose the examples.
+        monkeypatch.setattr(providers, "_get_local_constants", Constants)
+        monkeypatch.setattr(providers, "CONSTANTS_CACHE", LRUCache(1024))
     return settings(
         max_examples=examples,
         stateful_step_count=steps,

@@ -62,6 +62,11 @@ def fault(what, kind, duration_s=None, value=None):
     return f"{{{words}{'' if value is None else f', value: {value}'}}}"
 
 
+def seeds(first, *others):
+    """Seeds of a test: the first is flown in every run, the others with the slow tests."""
+    return [first, *(pytest.param(seed, marks=pytest.mark.slow) for seed in others)]
+
+
 DRIFT = [fault("gps", "drift", None, [2.0, 0.0, 0.0]),
          fault("gps_velocity", "bias", None, [2.0, 0.0, 0.0])]  # fmt: skip
 FOUND = [
@@ -80,7 +85,7 @@ FOUND = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize(("condition", "faults", "observer_status"), FOUND)
 def test_it_is_found_in_time_and_named(condition, faults, observer_status, seed):
     """At the end of the time that the table gives; nothing has happened to the aircraft by then."""
@@ -90,7 +95,7 @@ def test_it_is_found_in_time_and_named(condition, faults, observer_status, seed)
     assert flown.off_m() < 5.0
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize("kind", ["zero", "freeze", "nan"])
 def test_an_imu_that_stops_for_02_s_costs_less_than_1_m(kind, seed):
     sound, hurt = Flown([], seed, 30.0), Flown([fault("imu", kind, 0.2)], seed, 30.0)
@@ -99,7 +104,7 @@ def test_an_imu_that_stops_for_02_s_costs_less_than_1_m(kind, seed):
     assert hurt.observer_status is ObserverStatus.OK
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize(
     ("what", "value"), [("gyro", [0.1, 0.0, 0.0]), ("gyro", [0.0, 0.1, 0.0]),
                         ("accel", [1.0, 0.0, 0.0]), ("accel", [0.0, 1.0, 0.0])]
@@ -132,7 +137,7 @@ def apart_m(faults, seed, world="paper", gps="standalone"):
     return np.linalg.norm(apart, axis=1).max(), hurt
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(("what", "kind"), ONE_STOPS)
 def test_of_two_imus_one_that_stops_is_left_at_once(what, kind, seed):
     soon = Flown(
@@ -146,7 +151,7 @@ def test_of_two_imus_one_that_stops_is_left_at_once(what, kind, seed):
     assert flown.pair[PAIR.switches] == 1 and not flown.count[L.COUNT.imu_replaced]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(("what", "kind", "value"), ONE_WRONG)
 def test_of_two_imus_one_that_is_wrong_is_found_by_fixes_and_compass(what, kind, value, seed):
     faults = [fault(what, kind, None, value)]
@@ -161,7 +166,7 @@ def test_of_two_imus_one_that_is_wrong_is_found_by_fixes_and_compass(what, kind,
 
 
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_of_two_imus_one_may_drift_in_the_honest_world(seed, gps):
     """Slowly, so that what is known has been spoilt a little when they are found to disagree."""
     far_m, flown = apart_m([fault("gyro2", "drift", None, [0.0, 0.01, 0.0])], seed, "honest", gps)
@@ -182,7 +187,7 @@ def test_who_was_left_is_flown_where_the_other_one_stops():
     assert not flown.count[L.COUNT.imu_replaced]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize("faults", [[fault("gps", "loss")], [fault("gps", "freeze")], DRIFT])
 def test_what_is_lost_for_long_lands_by_itself(faults, seed):
     flown = Flown(faults, seed, 95.0, **{"failsafe.land_astray_m": 1e4})
@@ -195,7 +200,7 @@ def test_what_is_lost_for_long_lands_by_itself(faults, seed):
     assert flown.down()[1] < 1.0
 
 
-@pytest.mark.parametrize("seed", [1, 3, 6])
+@pytest.mark.parametrize("seed", seeds(1, 3, 6))
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
 @pytest.mark.parametrize("faults", [[fault("gps", "loss")], [fault("gps", "freeze")], DRIFT])
 def test_what_leads_astray_is_landed_within_a_minute(faults, gps, seed):
@@ -210,7 +215,7 @@ def test_what_leads_astray_is_landed_within_a_minute(faults, gps, seed):
     assert down_s < 60.0 and speed < 1.0
 
 
-@pytest.mark.parametrize("seed", [2, 6, 8])
+@pytest.mark.parametrize("seed", seeds(6, 2, 8))
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
 def test_without_gps_and_barometer_it_comes_down_and_never_climbs_away(gps, seed):
     """Seeds that used to climb, to 105 m, or to stay where they were."""
@@ -222,7 +227,7 @@ def test_without_gps_and_barometer_it_comes_down_and_never_climbs_away(gps, seed
     assert down_s < 90.0 and speed < 1.0
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize("baro", [False, True])
 def test_a_fix_that_comes_back_is_no_step_of_the_set_point(baro, seed):
     """What the navigation is moved by is flown back, not jumped at."""
@@ -235,7 +240,7 @@ def test_a_fix_that_comes_back_is_no_step_of_the_set_point(baro, seed):
     assert step.max() < 6.0
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_an_outage_that_ends_is_flown_through(seed):
     """Of a receiver that had the time to teach the filter its tilt and biases."""
     lost = "{what: gps, kind: loss, start_s: 60.0, duration_s: 10.0}"
@@ -270,7 +275,7 @@ def test_of_forty_that_lose_their_receiver_the_worst_stays_within_reach(world, g
 @pytest.mark.parametrize("two", [False, True])
 @pytest.mark.parametrize("world", ["paper", "honest"])
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("seed", seeds(1, 2, 3, 4, 5))
 def test_a_sound_flight_raises_no_alarm(seed, gps, world, two):
     flown = Flown([], seed, 60.0, gps, world, scenario={}, two=two)
     assert not flown.pair[PAIR.switches] and flown.pair[PAIR.compared] == 6000 * two

@@ -18,7 +18,7 @@ from heli_outer_pd.failsafes import Condition, of
 
 BEGIN_S, AT = 12.0, 1200
 STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
-SEEDS = [1, 2, 3]
+SEEDS = [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
 
 
 class Flown:

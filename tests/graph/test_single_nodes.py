@@ -25,7 +25,9 @@ RUN = [sys.executable, "-m", "heli_flight.cli.app", "run"]
 LIMIT_S = 240.0
 
 
-@pytest.mark.parametrize("navigation", ["observer", "navigator"])
+@pytest.mark.parametrize(
+    "navigation", [pytest.param("observer", marks=pytest.mark.slow), "navigator"]
+)
 def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living, navigation):
     """A namespace moves the whole graph; the plant ends by itself when the flight is over.
 

@@ -155,18 +155,19 @@ def campaign(tmp_path):
         process.kill()
 
 
-def test_nobody_else_can_reach_a_campaign(campaign):
-    """Whoever can, runs code as its owner: no socket of any kind has an address."""
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL],
+)
+def test_its_processes_are_out_of_reach_and_end_with_it_however_that_ends(
+    campaign, tmp_path, number
+):
+    """Whoever can reach one runs code as its owner: no socket of any kind has an address."""
     process, started = campaign
     assert len(started) >= 2
     for one in (psutil.Process(process.pid), *started):
         addresses = [(s.family, s.laddr) for s in one.net_connections(kind="all") if s.laddr]
         assert not addresses, one.cmdline()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_its_processes_end_with_a_campaign_however_that_ends(campaign, tmp_path, number):
-    process, started = campaign
     # Ctrl-C goes to all of a terminal.
     (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
     _, stderr = process.communicate(timeout=280.0)

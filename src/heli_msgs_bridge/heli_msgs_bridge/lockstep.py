@@ -362,8 +362,6 @@ _REPEATED_TICKS = 2
 by itself, so that a later one of the trigger does not mean that no more will come. Time stands
 still meanwhile: the trigger is ahead by one tick, if the predecessor died before it noted a step.
 """
-# Before all ticks.
-_NEVER = -(2**62)
 SILENT_S = 0.15
 """Real time: wall time after which a node that nothing triggers says so."""
 
@@ -422,7 +420,7 @@ class Lockstep:
         self._peer_timeout_s, self._leads = peer_timeout_s, leads
         self._collecting, self._stepping = True, False
         self._newest_trigger: int | None = None
-        self._repeated_until = _NEVER
+        self._repeated_until: int | None = None
         self._progress_s = 0.0
         self.silent: set[str] = set()
 
@@ -479,7 +477,7 @@ class Lockstep:
         """Cease to step and forget what has been collected."""
         self._collecting = self._stepping = False
         self._assembler.reset()
-        self._newest_trigger, self._repeated_until = None, _NEVER
+        self._newest_trigger = self._repeated_until = None
         self._setting.fits()
         self.silent.clear()
 
@@ -557,7 +555,9 @@ class Lockstep:
     def _is_passed(self) -> bool:
         """Whether the trigger's sender has gone on to a later tick than that of the next step."""
         tick, newest = self._assembler.next_tick, self._newest_trigger
-        return tick is not None and newest is not None and self._repeated_until < tick < newest
+        if tick is None or newest is None or tick >= newest:
+            return False
+        return self._repeated_until is None or tick > self._repeated_until
 
     def _make_step(self) -> None:
         tick = self._assembler.next_tick

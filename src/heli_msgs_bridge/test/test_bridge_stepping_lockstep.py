@@ -268,6 +268,16 @@ def test_no_step_waits_once_the_trigger_has_gone_on():
     assert ticks == [1, 2, 3, 4, 5]
 
 
+def test_ticks_before_the_flights_first_moment_are_passed_as_any():
+    """A clock that was set back: the trigger's sender has gone on to a later tick here, too."""
+    ticks = []
+    pace = Lockstep({"a": Demand(), "b": Demand()}, lambda tick, _: ticks.append(tick), TIMEOUT_S)
+    for tick in (0, -3):
+        pace.take("a", tick, 0)
+    pace.start()
+    assert ticks == [-3, -2, -1]
+
+
 def test_a_step_that_stops_the_node_is_the_last():
     """As the plant does at the end of the flight, though more messages wait."""
     ticks = []

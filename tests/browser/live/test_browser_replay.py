@@ -271,7 +271,7 @@ def test_a_record_that_was_cut_off_is_shown_to_its_end(page, flight, tmp_path):
     assert refused == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.slow), "dark"])
 def test_it_fits_a_phone_and_a_screen(page, shown, scheme):
     page.prefer(scheme)
     paused(page, shown, 4.0, width=390, height=844, phone=True)

@@ -7,10 +7,41 @@ import numpy as np
 import pytest
 
 from heli_msgs_bridge.diagnostics import Level, NodeState
+from heli_msgs_bridge.lockstep import Lockstep
 
 FLYING = ("scenario", "outer_loop", "inner_loop", "observer", "plant")
 ACTIVATE, DEACTIVATE = 3, 4
 TICK_S = 0.01
+
+
+class WallTime:
+    """What the nodes wait by, s: it stands between `stop` and `go_on`, however long that takes."""
+
+    def __init__(self):
+        self._behind_s, self._stopped_s = 0.0, None
+
+    def __call__(self):
+        now_s = time.monotonic() if self._stopped_s is None else self._stopped_s
+        return now_s - self._behind_s
+
+    def stop(self):
+        self._stopped_s = time.monotonic()
+
+    def go_on(self):
+        self._behind_s += time.monotonic() - self._stopped_s
+        self._stopped_s = None
+
+
+@pytest.fixture
+def wall(monkeypatch):
+    time_s = WallTime()
+
+    class Waiting(Lockstep):
+        def __init__(self, *values, **named):
+            super().__init__(*values, **named, now_s=time_s)
+
+    monkeypatch.setattr("heli_msgs_bridge.tick_node.Lockstep", Waiting)
+    return time_s
 
 
 def assert_it_flies_on(one):
@@ -24,25 +55,30 @@ def assert_it_flies_on(one):
     assert np.abs(plant.core.state.x[:3] - before).max() < 2.0
 
 
-def left_in_flight(crew, name, peer_timeout_s):
-    """A crew 5 s into its flight whose node `name` has just been deactivated."""
+def left_in_flight(crew, name, peer_timeout_s, before=lambda: None):
+    """A crew 5 s into its flight whose node `name` has just been deactivated.
+
+    `before`: is called when the flight is about to be left.
+    """
     one = crew(*FLYING, duration_s=600.0, peer_timeout_s=peer_timeout_s, seed=3)
     one.bring_up()
     one.fly(500)
+    before()
     assert one.change(name, DEACTIVATE)
     return one, one.nodes["plant"], one.nodes[name]
 
 
 @pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
-def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
+def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, wall, name):
     """Within `peer_timeout_s` time stands still; the tick that was lost takes that wait."""
-    one, plant, node = left_in_flight(crew, name, peer_timeout_s=3.0)
+    one, plant, node = left_in_flight(crew, name, peer_timeout_s=3.0, before=wall.stop)
     left_tick = plant.tick
     for _ in range(10):
         one.state(name)
     assert plant.tick <= left_tick + 1
     assert one.change(name, ACTIVATE)
     stepped, taken_up = node.tick, plant.tick
+    wall.go_on()
     one.spin_until(lambda: node.tick > stepped)
     # An outer loop steps every tick, and sends every fourth.
     assert node.tick <= taken_up + 2 and plant.tick <= taken_up + 3

@@ -53,7 +53,7 @@ def recording(folder, process, size):
 
 
 @pytest.mark.parametrize(
-    ("seed", "count"), [(1, 16), pytest.param(2, 200, marks=pytest.mark.nightly)]
+    ("seed", "count"), [(1, 6), pytest.param(2, 200, marks=pytest.mark.nightly)]
 )
 @pytest.mark.timeout(1800)
 def test_a_recorder_alone(ros_env, tmp_path, seed, count):

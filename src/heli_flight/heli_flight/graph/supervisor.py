@@ -21,7 +21,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_core.ticks import NS_PER_S, TICK_NS
-from heli_flight.graph.lifecycle import TRANSITIONS, BringUpError, Lifecycle, NodeStatus, NodeReports
+from heli_flight.graph.lifecycle import (
+    TRANSITIONS,
+    BringUpError,
+    Lifecycle,
+    NodeStatus,
+    NodeReports,
+)
 from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
