@@ -25,8 +25,8 @@ from heli_flight.graph.lifecycle import (
     TRANSITIONS,
     BringUpError,
     Lifecycle,
-    NodeStatus,
     NodeReports,
+    NodeStatus,
 )
 from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
