@@ -100,6 +100,8 @@ class Beside:
                     [sys.executable, "-m", "heli_core.beside"],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
+                    # Its share is one core's.
+                    env={"OPENBLAS_NUM_THREADS": "1"} | dict(os.environ),
                 )
             return self._process
 
