@@ -46,6 +46,14 @@ def test_latency_beside_a_bare_ring(benchmark_of):
 
 
 @pytest.mark.slow
+def test_tuning_in_real_time(benchmark_of):
+    result = benchmark_of("tuning.py", "--sets", "2", "--phase", "2")
+    phases = result["phases"]
+    assert [row["accepted"] for row in phases.values()] == [0, 2, 2, 0]
+    assert all(row["ticks"] > 0 for row in phases.values())
+
+
+@pytest.mark.slow
 def test_endurance(benchmark_of):
     result = benchmark_of(
         "soak.py", "--seconds", "6", "--realtime-seconds", "2", "--starts", "1", "--interrupts", "1"

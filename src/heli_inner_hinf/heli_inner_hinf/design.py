@@ -344,6 +344,20 @@ def _params_of(pickled: bytes) -> AttitudeParams:
     return AttitudeConfig.from_parameters(dict(pickle.loads(pickled))).params
 
 
+def judged_design(parameters: Mapping[str, Any]) -> AttitudeConfig:
+    """A design with all that a flight asks of it worked out: numbers and summary.
+
+    Raises
+    ------
+    SynthesisError
+        As `AttitudeConfig.from_parameters`.
+    """
+    config = AttitudeConfig.from_parameters(parameters)
+    _ = config.params
+    config.summary()
+    return config
+
+
 class LiveDesign:
     """The design in flight: changed between two ticks, and begun in flight, without a jump.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_core.beside import Beside, BesideError
 from heli_core.inbox import NOTHING, Inbox, deliver, empty_inbox
 from heli_core.jit import direct
 from heli_core.python_controller import PARAMETER
@@ -20,7 +21,7 @@ from heli_inner_hinf.controller_state import (
     AttitudeStatus,
     initial_law_state,
 )
-from heli_inner_hinf.design import AttitudeConfig, LiveDesign
+from heli_inner_hinf.design import AttitudeConfig, LiveDesign, judged_design
 from heli_inner_hinf.estimate import (
     COMMAND,
     INPUTS,
@@ -164,10 +165,25 @@ def _aims(aim: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     return aim[COMMAND.attitude], aim[COMMAND.col], aim[COMMAND.manual]
 
 
+def _law_for(kernel: AttitudeParams) -> Callable[..., int]:
+    """The compiled law for numbers of these types."""
+    x9, aim, u3 = np.zeros(len(NINE)), np.zeros(COMMAND.size), np.zeros(3)
+    return direct(law_or_manual, x9, *_aims(aim), kernel, initial_law_state(kernel), u3)
+
+
 class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
     """Active means: attitude is held. The collective is passed through, in one message."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_inner_hinf", TABLE, f"{NODE_NAME}.yaml")
+
+    def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
+        super().__init__(values, **options)
+        self._beside = Beside()
+
+    def end(self) -> None:
+        """As of any node; nothing is judged any more."""
+        self._beside.close()
+        super().end()
 
     def configure(self) -> ConfiguredInnerLoop:
         """Synthesise the controller; an infeasible design is refused here."""
@@ -239,8 +255,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
 
     def _load(self, core: ConfiguredInnerLoop, kernel: AttitudeParams) -> None:
         """Have the compiled law for numbers of these types; those of another design may differ."""
-        like = core.x9, *_aims(core.aim), kernel, initial_law_state(kernel), core.u3
-        core.flown, core.law = kernel, direct(law_or_manual, *like)
+        core.flown, core.law = kernel, _law_for(kernel)
 
     def engage(self) -> ActiveInnerLoop:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
@@ -358,9 +373,14 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         """Synthesise the changed design; infeasible ones raise, before configuration too."""
         if set(changed) == {"expects_outer"}:
             return None
-        config = AttitudeConfig.from_parameters(values)
-        # Computed here, so that no tick has to.
-        _ = config.params
+        # Elsewhere, so that no tick waits for Python's lock; here, where that is not possible.
+        try:
+            config = self._beside.call(judged_design, dict(values))
+        except BesideError as error:
+            self.get_logger().debug(f"judged in this process: {error}")
+            config = judged_design(values)
+        # Loaded now: the tick that flies it finds it compiled.
+        _law_for(config.params)
         return config
 
     def apply(self, judged: AttitudeConfig | None, changed: Collection[str]) -> None:

@@ -38,6 +38,9 @@ FACT_STATE = "state"
 FACT_REFUSED = "refused."
 """What every node calls the messages of a topic, whose name follows, that it has refused: how many,
 and why the last one (`refusal_text`)."""
+FACT_UNUSABLE = "unusable."
+"""What every node calls the number of messages of a topic, whose name follows, that hold no value
+that can be used. Who has nothing to say says so by NaN, so they are no fault by themselves."""
 FACT_MISSING = "missing_peers"
 """What every node calls the peers that do not listen to it yet: those that it waits for, or without
 which it has begun."""

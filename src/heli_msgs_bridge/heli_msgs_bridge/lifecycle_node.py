@@ -20,6 +20,12 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import (
+    InvalidQosOverridesError,
+    QosCallbackResult,
+    QoSOverridingOptions,
+)
 
 from heli_core import command_line
 from heli_core.parameters import Parameter, load, stated, with_common
@@ -373,8 +379,20 @@ _REPEATED_TICKS = 400
 """Real time: of so many ticks a sender repeats its messages to who is started again."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _ERROR = TransitionCallbackReturn.ERROR
+_REFUSALS = (
+    NodeStartError, ParameterError, ValueError, LookupError, OSError, InvalidQosOverridesError,
+)  # fmt: skip
 _ONE_BUILDS = threading.Lock()
 """Of several nodes in one process: numba compiles one kernel at a time."""
+
+
+def _judge_overrides(profile: QoSProfile, lockstep: bool) -> QosCallbackResult:
+    """Refuse a QoS of the user's under which lockstep would wait for what is lost."""
+    lossy = profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    judged = QosCallbackResult()
+    judged.successful = not (lockstep and lossy)
+    judged.reason = "" if judged.successful else "lockstep needs reliability: reliable"
+    return judged
 
 
 def _nothing() -> None:
@@ -574,11 +592,18 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         """Subscribe to a graph topic; `raw` for the serialised messages.
 
         What `configure` asks for is done when it has succeeded: who listens is ready. Without a QoS
-        of its own, senders of default QoS are heard and the last message of latched ones. With an
-        owner (for `raw`) only its messages are; `ignored` is called for those of others.
+        of its own, senders of default QoS are heard and the last message of latched ones; of a
+        stream the user's `qos_overrides.<topic>.subscription.*` count then. With an owner (for
+        `raw`) only its messages are; `ignored` is called for those of others.
         """
         cls = topics.message_class(topics.BY_NAME[topic].type)
-        profiles = topics.qos_to_hear(topic) if qos is None else (qos,)
+        lockstep = self.values["lockstep"]
+        profiles = topics.qos_to_hear(topic, lockstep=lockstep) if qos is None else (qos,)
+        overriding = None
+        if qos is None and topics.BY_NAME[topic].every_ticks:
+            overriding = QoSOverridingOptions.with_default_policies(
+                callback=partial(_judge_overrides, lockstep=lockstep)
+            )
         once = DuplicateFilter()
 
         def listen() -> None:
@@ -592,7 +617,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             if owner is not None:
                 heard = taking_info(self.guarded(locked(owner, callback, ignored)))
             for profile in profiles:
-                subscription = self.create_subscription(cls, topic, heard, profile, raw=raw)
+                subscription = self.create_subscription(
+                    cls, topic, heard, profile, raw=raw, qos_overriding_options=overriding
+                )
                 self.at_end(partial(self.destroy_subscription, subscription))
 
         if self.configured:
@@ -650,7 +677,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         self.revision += 1
         try:
             action()
-        except (NodeStartError, ParameterError, ValueError, LookupError, OSError) as error:
+        except _REFUSALS as error:
             self.failure = " ".join(str(error).split())
             self.report(Level.ERROR, self.failure, state=NodeState.FAILED)
             return _FAILURE

@@ -11,39 +11,15 @@ import contextlib
 import queue
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as RosParameter
 
 from heli_msgs_bridge.services import MOST_ORDERS, Later, error_line
-
-
-class Updated(Protocol):
-    """What is needed of a node whose parameters change, beside what rclpy gives it."""
-
-    values: dict[str, Any]
-    revision: int
-    decision: "Decision | None"
-
-    @property
-    def in_transition(self) -> bool:
-        """Whether it is being configured: nothing may change meanwhile."""
-
-    def prepared(self, name: str, value: Any) -> Any:
-        """A value that is asked for, in words that hold at any time."""
-
-    def is_settled(self, parameter: Any) -> bool:
-        """Whether no judgement is needed: it is refused, or none of the node's own."""
-
-    def changes(self, parameters: Iterable[Any]) -> dict[str, Any]:
-        """Values that would be others."""
-
-    def validate(self, values: Mapping[str, Any], changed: Collection[str]) -> Any:
-        """What they would make of the node; called in another thread, changes nothing."""
 
 
 @dataclass
@@ -96,7 +72,8 @@ class ParameterUpdates:
 
     Parameters
     ----------
-    node : Updated
+    node : TableNode
+        Its `validate` is called in another thread, and changes nothing.
     """
 
     def __init__(self, node: Any) -> None:

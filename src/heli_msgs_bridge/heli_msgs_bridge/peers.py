@@ -8,9 +8,9 @@ waits is active, looks now and then, and answers meanwhile.
 """
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from heli_msgs_bridge import topics
 
@@ -28,22 +28,6 @@ _NAME_S = 0.5
 _KNOWN_NODES = frozenset(name for row in topics.TABLE for name in (*row.source, *row.sinks))
 
 
-class Waiting(Protocol):
-    """What is needed of a node that waits, beside what rclpy gives it."""
-
-    values: dict[str, Any]
-    outputs: dict[str, Any]
-
-    def expected_listeners(self, topic: str) -> set[str]:
-        """Nodes that must listen to a topic of this node."""
-
-    def awaited_links(self) -> Mapping[str, Collection[str]]:
-        """Topics of others whose listeners must be ready, too."""
-
-    def leaving(self) -> bool:
-        """Whether the process was asked to end."""
-
-
 @dataclass(frozen=True)
 class Absent:
     """A topic that lacks listeners.
@@ -52,14 +36,11 @@ class Absent:
     ----------
     topic : str
     peers : frozenset of str
-        Who does not listen.
-    connected : bool
-        False if all do, and are not connected yet.
+        Who does not listen, or is not connected yet.
     """
 
     topic: str
     peers: frozenset[str]
-    connected: bool = True
 
 
 def in_order(peers: Iterable[str]) -> str:
@@ -110,7 +91,7 @@ def _all_absent(node: Any) -> Iterator[Absent]:
         if missing:
             yield Absent(topic, missing)
         elif publisher.get_subscription_count() < len(expected):
-            yield Absent(topic, frozenset(expected), connected=False)
+            yield Absent(topic, frozenset(expected))
     for topic, listeners in node.awaited_links().items():
         if missing := _missing(node, topic, listeners):
             yield Absent(topic, missing)
@@ -125,7 +106,7 @@ class PeerWait:
 
     Parameters
     ----------
-    node : Waiting
+    node : ManagedNode
         Its `connect_timeout_s` is the limit for peers that are not in the graph.
     now_s : callable, optional
         Wall time, s.

@@ -2,7 +2,7 @@
 """A managed node that steps once per tick on the messages of that tick."""
 
 from abc import abstractmethod
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -17,6 +17,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import (
     FACT_REFUSED,
+    FACT_UNUSABLE,
     NO_MESSAGE,
     Level,
     NodeState,
@@ -92,6 +93,8 @@ class TickCore:
         Newest tick of the present activation.
     refused : dict of str
         Per topic, why its last refused message was refused.
+    unusable : Counter
+        Per topic, how many messages held no value that can be used: not finite, or cut off.
     refusals : dict of Refusals
         Per topic, the messages that /diagnostics speaks of: those whose stamps did not fit to the
         clock, references that were not followed.
@@ -104,6 +107,7 @@ class TickCore:
     pace: Pace
     stepped: int | None = None
     refused: dict[str, str] = field(default_factory=dict)
+    unusable: Counter[str] = field(default_factory=Counter)
     refusals: dict[str, "Refusals"] = field(default_factory=dict)
     rivals: dict[str, TopicSenders] = field(default_factory=dict)
     senders: dict[str, TopicSenders] = field(default_factory=dict)
@@ -196,7 +200,7 @@ def receiver(
         if tick < earliest:
             node.refuse_stamp(topic, tick, node.tick)
         elif rest and not off_tick:
-            refuse(off_tick_refusal(topic, decoder.stamp_ns))
+            aloud(off_tick_refusal(topic, decoder.stamp_ns))
         else:
             pace.take(topic, tick, value)
         return True
@@ -535,6 +539,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         if refused.get(topic) != reason:
             self.get_logger().warning(f"message refused: {reason}")
         refused[topic] = reason
+        self.core.unusable[topic] += 1
 
     def refuse_aloud(self, topic: str, why: str) -> None:
         """Count a refused message; log it once a second, say it in /diagnostics for a second."""
@@ -557,6 +562,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
             f"{FACT_REFUSED}{topic}": refusal_text(refusals.count, refusals.why)
             for topic, refusals in self.core.refusals.items()
         }
+        facts |= {f"{FACT_UNUSABLE}{t}": str(n) for t, n in self.core.unusable.items()}
         for senders in self.core.senders.values():
             facts |= senders.facts()
         return facts

@@ -190,6 +190,9 @@ TOOLS: tuple[Topic, ...] = (
 """What RViz and its like want besides. No node waits for it, no flight needs it, and a type may be
 missing: tf2_msgs is not among the wheels. But for the last they carry no stamp in front."""
 
+SENSORS = frozenset(t.name for t in TABLE if t.source == _PLANT and t.sinks)
+"""What a driver sends in the place of the plant; of real drivers many are best effort."""
+
 KNOWN: dict[str, Topic] = {topic.name: topic for topic in (*TABLE, *TOOLS)}
 
 
@@ -253,27 +256,32 @@ def message_class(type_name: str) -> Any:
 def qos(name: str, depth: int = DEPTH, repeats: bool = False) -> Any:
     """QoS profile of a topic (imports rclpy).
 
-    Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort
-    publisher would never meet a reliable listener. With `repeats` a sender keeps what it has sent
-    for a listener that is started again, and such a listener gets it.
+    Everything that is sent is reliable: in lockstep a lost message is a stopped flight, and a
+    best-effort publisher would never meet a reliable listener. With `repeats` a sender keeps what
+    it has sent for a listener that is started again, and such a listener gets it.
     """
     latched = name in KNOWN and KNOWN[name].latched
     return _profile(KNOWN[name].kept if latched else depth, latched or repeats)
 
 
-def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
+def qos_to_hear(name: str, depth: int = DEPTH, lockstep: bool = True) -> tuple[Any, ...]:
     """QoS profiles of those who listen to a topic, one per subscription (imports rclpy).
+
+    Sensors are heard with best effort where nothing waits for each of their messages, as ROS has it
+    for sensor data: a best-effort driver and a reliable one both meet such a listener.
 
     A latched topic needs two: who asks for old messages meets no sender of default QoS (`ros2 topic
     pub`), who does not gets none of what was sent before. `sources.Once` makes one of them.
     """
+    if name in SENSORS and not lockstep:
+        return (_profile(depth, False, reliable=False),)
     profile = qos(name, depth)
     return (
         (profile, _profile(depth, False)) if name in KNOWN and KNOWN[name].latched else (profile,)
     )
 
 
-def _profile(depth: int, latched: bool) -> Any:
+def _profile(depth: int, latched: bool, reliable: bool = True) -> Any:
     # As `message_class`: whoever reads the table alone is not bound to ROS.
     from importlib import import_module
 
@@ -282,7 +290,9 @@ def _profile(depth: int, latched: bool) -> Any:
     return ros.QoSProfile(
         history=ros.HistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=ros.ReliabilityPolicy.RELIABLE,
+        reliability=(
+            ros.ReliabilityPolicy.RELIABLE if reliable else ros.ReliabilityPolicy.BEST_EFFORT
+        ),
         durability=kept,
     )
 

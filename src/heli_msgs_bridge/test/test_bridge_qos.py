@@ -8,6 +8,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from heli_core.command_line import config_folder
@@ -41,14 +43,20 @@ class Sender(Both):
     sends = True
 
 
+def made_of(kind, context, lockstep, overrides=()):
+    """A node that is not configured yet."""
+    values = load(with_common(()), [config_folder("heli_core") / "common.yaml"], "both")
+    changes = {"peers": [], "lockstep": lockstep}
+    return kind(values | changes, context=context, parameter_overrides=list(overrides))
+
+
 @pytest.fixture
 def ours(ros_context):
     """Make one of ours, configured and active."""
     made = []
 
-    def make(kind):
-        values = load(with_common(()), [config_folder("heli_core") / "common.yaml"], "both")
-        node = kind(values | {"peers": []}, context=ros_context)
+    def make(kind, lockstep=True, overrides=()):
+        node = made_of(kind, ros_context, lockstep, overrides)
         made.append(node)
         assert node.trigger_configure() == SUCCESS and node.trigger_activate() == SUCCESS
         return node
@@ -139,3 +147,57 @@ def test_a_latched_message_is_heard_late_and_once(ours, foreign, executor):
     latched.publish(cls(joint_names=["last"]))
     assert until(lambda: "last" in names(), node, executor=executor)
     assert sorted(names()) == sorted(["after", *before, "last", "plain"])
+
+
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+OVERRIDE = f"qos_overrides./{topics.IMU}.subscription.reliability"
+
+
+@pytest.mark.parametrize("profile", [BEST_EFFORT, RELIABLE])
+def test_in_real_time_a_driver_is_heard_whatever_its_reliability(ours, foreign, profile):
+    """Each sensor's; many real drivers send with the QoS of sensor data."""
+    node = ours(Both, lockstep=False)
+    senders = {}
+    for name in topics.SENSORS:
+        kind = topics.message_class(topics.BY_NAME[name].type)
+        senders[name] = foreign.create_publisher(kind, name, profile), kind
+
+    def all_heard():
+        heard = {name for name, _ in node.core}
+        for name, (sender, kind) in senders.items():
+            if name not in heard:
+                sender.publish(kind())
+        return senders.keys() <= heard
+
+    assert len(senders) >= 7 and until(all_heard, node)
+
+
+@pytest.mark.parametrize(
+    ("lockstep", "given", "flown"),
+    [
+        (True, None, ReliabilityPolicy.RELIABLE),
+        (False, None, ReliabilityPolicy.BEST_EFFORT),
+        (False, "reliable", ReliabilityPolicy.RELIABLE),
+    ],
+)
+def test_reliability_is_chosen_per_topic_as_ros_has_it(ours, lockstep, given, flown):
+    overrides = [] if given is None else [RosParameter(OVERRIDE, value=given)]
+    node = ours(Both, lockstep=lockstep, overrides=overrides)
+    found = {s.topic_name: s.qos_profile.reliability for s in node.subscriptions}
+    assert found[f"/{topics.IMU}"] == flown
+    assert node.get_parameter(OVERRIDE).value == flown.name.lower()
+    # Of another topic nothing was said; what nodes send each other is reliable.
+    assert found[f"/{topics.GPS_FIX}"] == (RELIABLE if lockstep else BEST_EFFORT).reliability
+    assert found[f"/{topics.ODOM}"] == ReliabilityPolicy.RELIABLE
+
+
+@pytest.mark.parametrize(
+    ("lockstep", "given", "word"), [(True, "best_effort", "lockstep"), (False, "quick", "quick")]
+)
+def test_an_override_that_cannot_be_is_refused_by_name(ros_context, lockstep, given, word):
+    node = made_of(Both, ros_context, lockstep, [RosParameter(OVERRIDE, value=given)])
+    assert node.trigger_configure() != SUCCESS
+    assert word in node.failure and "reliability" in node.failure
+    node.end()
+    node.destroy_node()

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A synthesis runs beside the flight: no tick waits for it, the answer of the service does."""
 
+import os
 import threading
 
+import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
-from heli_inner_hinf.design import AttitudeConfig
+from heli_core.beside import Beside
+from heli_inner_hinf.design import judged_design
 from heli_msgs_bridge.services import ros_value
 
 FLYING = ("outer_loop", "inner_loop", "observer", "plant")
@@ -40,8 +43,8 @@ def held(monkeypatch):
     """Hold syntheses up from the call on."""
 
     def hold():
-        made = Held(AttitudeConfig.from_parameters)
-        monkeypatch.setattr(AttitudeConfig, "from_parameters", made)
+        made = Held(judged_design)
+        monkeypatch.setattr(Beside, "call", lambda beside, function, values: made(values))
         return made
 
     return hold
@@ -148,6 +151,22 @@ def test_a_node_that_has_changed_meanwhile_judges_again(crew, held):
     assert answer.result().results[0].successful and node.values[GAMMA] == 5.0
     synthesis.let_go()
     assert one.change("inner_loop", 1) and node.core.design.config.output.gamma == 5.0
+
+
+def test_a_law_is_worked_out_in_another_process(crew):
+    """Which ends with the node; what it has made is what this one would have made."""
+    one = crew("inner_loop")
+    node = one.nodes["inner_loop"]
+    assert one.change("inner_loop", 1) and node._beside.pid is None
+    assert one.set("inner_loop", output__gamma=5.0)[0].successful
+    other, config = node._beside.pid, node.core.design.take() and node.core.design.config
+    assert other not in (None, os.getpid())
+    here = judged_design(node.values)
+    assert config.summary() == here.summary()
+    for mine, theirs in zip(config.params.law, here.params.law, strict=True):
+        assert np.array_equal(mine, theirs)
+    one.leave("inner_loop")
+    assert not os.path.exists(f"/proc/{other}")
 
 
 def test_an_infeasible_law_is_refused_in_every_state_and_the_node_lives(crew):
