@@ -444,3 +444,14 @@ def test_a_tick_is_sent_in_the_order_that_bags_have(bench):
     plant.fly()
     in_order = [name for name in topics.SENDING_ORDER if "plant" in topics.KNOWN[name].source]
     assert [name for name in plant.sent if name in in_order] == in_order
+
+
+def test_a_led_plant_has_the_same_exit_code_and_waits_to_be_ended(bench):
+    """Whoever shuts it down after a loss ends its process with 1, too."""
+    lost = bench(PlantNode, autostart=False, **{"limits.distance_m": 1.0})
+    lost.fly()
+    for tick in range(1000):
+        if lost.node.health.level == Level.ERROR:
+            break
+        lost.send(topics.ACTUATORS, tick, -np.ones(4))
+    assert (lost.node.finished, lost.node.exit_code) == (False, 1)

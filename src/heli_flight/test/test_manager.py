@@ -15,9 +15,9 @@ from heli_flight.graph.manager import (
     CONFIGURE,
     DEACTIVATE,
     SHUTDOWN,
-    Command,
     Manager,
     Order,
+    SystemCommand,
     SystemState,
     is_needed,
 )
@@ -78,7 +78,7 @@ class Graph:
         self.manager.give(Order(command, lambda *answer: self.answers.append(answer)))
 
     def up(self):
-        self.command(Command.STARTUP)
+        self.command(SystemCommand.STARTUP)
         assert self.manager.state == SystemState.ACTIVE
         self.speak()
         self.asked.clear()
@@ -103,7 +103,7 @@ def graph():
 
 
 def test_startup_configures_all_then_activates_in_order(graph):
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     configured, activated = ([(name, t) for name in NAMES] for t in (CONFIGURE, ACTIVATE))
     assert graph.asked == configured + activated
     assert graph.manager.state == SystemState.ACTIVE
@@ -112,9 +112,9 @@ def test_startup_configures_all_then_activates_in_order(graph):
 
 @pytest.mark.parametrize(
     ("command", "transitions", "state"),
-    [(Command.PAUSE, [DEACTIVATE], SystemState.INACTIVE),
-     (Command.RESET, [DEACTIVATE, CLEANUP], SystemState.UNCONFIGURED),
-     (Command.SHUTDOWN, [DEACTIVATE, CLEANUP, SHUTDOWN], SystemState.FINALIZED)],
+    [(SystemCommand.PAUSE, [DEACTIVATE], SystemState.INACTIVE),
+     (SystemCommand.RESET, [DEACTIVATE, CLEANUP], SystemState.UNCONFIGURED),
+     (SystemCommand.SHUTDOWN, [DEACTIVATE, CLEANUP, SHUTDOWN], SystemState.FINALIZED)],
 )  # fmt: skip
 def test_down_goes_in_reverse(graph, command, transitions, state):
     graph.up().command(command)
@@ -123,10 +123,10 @@ def test_down_goes_in_reverse(graph, command, transitions, state):
 
 
 def test_resume_activates_in_order_and_bonds_again(graph):
-    graph.up().command(Command.PAUSE)
+    graph.up().command(SystemCommand.PAUSE)
     graph.wait(20)
     assert graph.manager.state == SystemState.INACTIVE
-    graph.command(Command.RESUME)
+    graph.command(SystemCommand.RESUME)
     assert graph.asked == [(name, ACTIVATE) for name in NAMES]
     graph.dead.add("plant")
     graph.wait(5)
@@ -135,7 +135,7 @@ def test_resume_activates_in_order_and_bonds_again(graph):
 
 def test_who_is_there_already_is_not_asked(graph):
     graph.states |= {"observer": INACTIVE, "plant": ACTIVE}
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     assert graph.asked == [("inner_loop", CONFIGURE), ("observer", ACTIVATE),
                            ("inner_loop", ACTIVATE)]  # fmt: skip
 
@@ -151,14 +151,14 @@ def test_a_transition_is_needed_where_the_life_cycle_has_it(transition, state):
 
 
 def test_resume_of_what_is_not_configured_is_refused(graph):
-    graph.command(Command.RESUME)
+    graph.command(SystemCommand.RESUME)
     assert graph.answers == [(False, "observer: is not configured")]
     assert graph.manager.state == SystemState.FAILED and graph.asked == []
 
 
 def test_who_refuses_is_named_with_its_own_words(graph):
     graph.refusing.add("inner_loop")
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     sentence = "inner_loop: refused to configure: inner_loop does not want to"
     assert graph.answers == [(False, sentence)]
     assert graph.told[-1] == (Level.ERROR, sentence, SystemState.FAILED)
@@ -166,7 +166,7 @@ def test_who_refuses_is_named_with_its_own_words(graph):
 
 def test_startup_waits_for_who_is_not_there_and_says_so(graph):
     graph.absent.add("plant")
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     graph.wait(100)
     assert graph.asked == [] and "waiting for plant" in graph.told[-1][1]
     graph.absent.clear()
@@ -176,14 +176,14 @@ def test_startup_waits_for_who_is_not_there_and_says_so(graph):
 
 def test_a_second_command_waits_for_the_first(graph):
     graph.absent.add("plant")
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     with pytest.raises(ValueError, match="pause: startup is under way"):
-        graph.command(Command.PAUSE)
+        graph.command(SystemCommand.PAUSE)
 
 
 def test_who_never_answers_is_named(graph):
     graph.dead.add("observer")
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     graph.wait(61)
     (answer,) = graph.answers
     assert answer == (False, "observer: no answer to 'configure' in 60 s")
@@ -262,13 +262,13 @@ def test_after_a_loss_all_can_be_started_anew(graph):
     graph.up().dead.add("observer")
     graph.wait(20)
     graph.dead.clear()
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     assert graph.manager.state == SystemState.ACTIVE and graph.answers[-1][0]
 
 
 def test_what_was_said_before_the_activation_is_no_restart(graph):
     """/diagnostics comes by another way than the answer to the transition, and may come later."""
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     graph.manager.heard("observer", NodeState.CONFIGURED)
     assert graph.manager.state == SystemState.ACTIVE
 
@@ -301,7 +301,7 @@ def test_a_lost_answer_is_asked_for_again(graph):
     lost = itertools.chain([True], itertools.repeat(False))
     ask = graph.ask_state
     graph.ask_state = lambda name: Future() if next(lost) else ask(name)
-    graph.command(Command.STARTUP)
+    graph.command(SystemCommand.STARTUP)
     assert graph.asked == []
     graph.now_s += ASK_AGAIN_S
     graph.manager.advance()

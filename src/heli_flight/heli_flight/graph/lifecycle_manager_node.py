@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from heli_flight.graph.lifecycle import Lifecycle, NodeReports
-from heli_flight.graph.manager import TABLE, Command, Manager, Order, SystemState
+from heli_flight.graph.manager import TABLE, Manager, Order, SystemCommand, SystemState
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level, NodeState
@@ -90,13 +90,13 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
 
     def begin(self) -> None:
         """Take commands, and begin with the first if that is wanted."""
-        for command in Command:
+        for command in SystemCommand:
             name = f"~/{command.value}"
             self.create_guarded_service(Trigger, name, partial(self._take_command, command))
         self.create_guarded_service(Trigger, "~/is_active", self._is_active)
         self.create_wall_timer(_LOOK_S, self._look)
         if self._begins:
-            self.core.manager.give(Order(Command.STARTUP, lambda success, sentence: None))
+            self.core.manager.give(Order(SystemCommand.STARTUP, lambda success, sentence: None))
 
     def _take_clock(self, raw: bytes) -> None:
         self.tick = (stamp_of(raw) - self.start_ns) // self.rate.tick_ns
@@ -119,7 +119,7 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
             core.manager.restarted(name)
         core.manager.advance()
 
-    def _take_command(self, command: Command, request: Any, response: Any) -> Any:
+    def _take_command(self, command: SystemCommand, request: Any, response: Any) -> Any:
         later = Later()
 
         def answer(success: bool, sentence: str) -> None:

@@ -69,7 +69,7 @@ _CONFIGURE_LIMIT_S = 600.0
 _INACTIVE, _FINALIZED = State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_FINALIZED
 
 
-class Command(StrEnum):
+class SystemCommand(StrEnum):
     """What may be asked of all nodes together: of nav2_msgs/srv/ManageLifecycleNodes."""
 
     STARTUP = "startup"
@@ -94,12 +94,12 @@ class SystemState(StrEnum):
     FINALIZED = "finalized"
 
 
-_STEPS: dict[Command, tuple[tuple[int, ...], SystemState]] = {
-    Command.STARTUP: ((CONFIGURE, ACTIVATE), SystemState.ACTIVE),
-    Command.PAUSE: ((DEACTIVATE,), SystemState.INACTIVE),
-    Command.RESUME: ((ACTIVATE,), SystemState.ACTIVE),
-    Command.RESET: ((DEACTIVATE, CLEANUP), SystemState.UNCONFIGURED),
-    Command.SHUTDOWN: ((DEACTIVATE, CLEANUP, SHUTDOWN), SystemState.FINALIZED),
+_STEPS: dict[SystemCommand, tuple[tuple[int, ...], SystemState]] = {
+    SystemCommand.STARTUP: ((CONFIGURE, ACTIVATE), SystemState.ACTIVE),
+    SystemCommand.PAUSE: ((DEACTIVATE,), SystemState.INACTIVE),
+    SystemCommand.RESUME: ((ACTIVATE,), SystemState.ACTIVE),
+    SystemCommand.RESET: ((DEACTIVATE, CLEANUP), SystemState.UNCONFIGURED),
+    SystemCommand.SHUTDOWN: ((DEACTIVATE, CLEANUP, SHUTDOWN), SystemState.FINALIZED),
 }
 
 
@@ -152,12 +152,12 @@ class Order:
 
     Attributes
     ----------
-    command : Command
+    command : SystemCommand
     answer : callable
         Called at its end, with whether it was carried out, and a sentence.
     """
 
-    command: Command
+    command: SystemCommand
     answer: Callable[[bool, str], None]
 
 
@@ -307,9 +307,9 @@ class Manager:
         self.state = state
         self._tell(level, sentence, state)
 
-    def _carry_out(self, command: Command) -> _Work:
+    def _carry_out(self, command: SystemCommand) -> _Work:
         transitions, end = _STEPS[command]
-        if command in (Command.STARTUP, Command.RESUME):
+        if command in (SystemCommand.STARTUP, SystemCommand.RESUME):
             self._lost.clear()
             self._over = False
         for transition in transitions:
