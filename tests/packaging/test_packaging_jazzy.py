@@ -36,10 +36,12 @@ def collect(tmp_path):
             info.mkdir()
             (info / "METADATA").write_text(f"Name: ros-{name}\nVersion: 3.4\n")
             (info / "entry_points.txt").write_text(f"[pytest11]\n{name} = ros_{name}\n")
+        # Where ROS is sourced its packages stand there.
+        paths = [str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
         command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--collect-only"]
         return subprocess.run(
             [*command, "-q", "-c", config, tmp_path / "test_one.py"],
-            cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             capture_output=True, text=True, timeout=120,
         )  # fmt: skip
 
