@@ -152,8 +152,8 @@ class FlightDiff:
     @property
     def exit_code(self) -> int:
         """0 if each record is the flight's and whole; what was flown is compared, not judged."""
-        verdicts = {named.flight.result.verdict(named.gps) for named in self.flights}
-        return int(not verdicts.isdisjoint({Verdict.FORGED, Verdict.PARTIAL}))
+        ends = {named.flight.result.verdict(named.gps) for named in self.flights}
+        return int(not ends.isdisjoint({Verdict.FORGED, Verdict.PARTIAL}))
 
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
