@@ -5,6 +5,8 @@ import json
 import subprocess
 import sys
 
+from heli_flight.settings import resolve
+
 # An audit hook sees every open() whatever calls it, and stays: so in a process of its own.
 COUNT = """
 import collections, json, sys
@@ -32,3 +34,10 @@ def test_each_file_is_read_once(tmp_path):
     opened, files = json.loads(done.stdout)
     assert {str(mine), str(other)} <= set(files) <= set(opened)
     assert {name: times for name, times in opened.items() if times != 1} == {}
+
+
+def test_the_recorder_takes_the_latency_of_the_fixes_from_the_plant():
+    plant, others = {"sensors.gps.latency_ticks": 10}, {"schedule.gps_latency_ticks": 10}
+    assert (
+        resolve(overrides={"plant": plant, "observer": others}).recorder.items() >= others.items()
+    )
