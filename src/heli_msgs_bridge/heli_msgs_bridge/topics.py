@@ -33,6 +33,7 @@ ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 REFERENCE = "reference"
 GOTO = "goto"
+GOTO_GPS = "goto_gps"
 COMMAND_POSE, COMMAND_VELOCITY = "command_pose", "command_velocity"
 """Names of REP-147; the first is a goto by another name."""
 COMMAND_ATTITUDE, COMMAND_CLIMB = "command_attitude", "command_climb"
@@ -51,6 +52,10 @@ EXCITATION_WIND = "excitation/wind"
 DIAGNOSTICS = "/diagnostics"
 TF, TF_STATIC = "/tf", "/tf_static"
 ROBOT_DESCRIPTION = "robot_description"
+ORIGIN, HOME = "origin", "home"
+"""Where `map` begins: latitude, longitude, height (WGS-84); where the flight began, in `map`."""
+STATUS, STATUS_TYPE = "status", "heli_interfaces/msg/Status"
+"""The aircraft's state with its types, from the node `actions`, where its type is installed."""
 SCENE = "scene"
 """Pictures of the flight (visualization_msgs/MarkerArray) from `live_view`; no part of the graph's
 data, so neither in the table nor in bags."""
@@ -151,6 +156,7 @@ TABLE: tuple[Topic, ...] = (
     ),
     # From whoever commands the flight.
     Topic(GOTO, _POSE, (), _OUTER, 0),
+    Topic(GOTO_GPS, "sensor_msgs/msg/NavSatFix", (), _OUTER, 0),
     Topic(COMMAND_POSE, _POSE, (), _OUTER, 0),
     Topic(COMMAND_VELOCITY, "geometry_msgs/msg/TwistStamped", (), _OUTER, 0),
     Topic(COMMAND_ATTITUDE, "geometry_msgs/msg/QuaternionStamped", (), _OUTER, 0),
@@ -183,6 +189,8 @@ TOOLS: tuple[Topic, ...] = (
     Topic(TF, _TRANSFORMS, _OBSERVER, (), 4),
     Topic(TF_STATIC, _TRANSFORMS, _PLANT, (), 0, latched=True),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", _PLANT, (), 0, latched=True),
+    Topic(ORIGIN, "sensor_msgs/msg/NavSatFix", _OUTER, (), 0, latched=True),
+    Topic(HOME, "geometry_msgs/msg/PointStamped", _OUTER, (), 0, latched=True),
 )
 """What RViz and its like want besides. No node waits for it, no flight needs it, and a type may be
 missing: tf2_msgs is not among the wheels. They carry no stamp in front."""
