@@ -60,6 +60,8 @@ SERVICES = {
 _FRAMES = {
     topics.REFERENCE: (MAP, BASE),
     topics.GOTO: (MAP,),
+    topics.ORIGIN: (MAP,),
+    topics.HOME: (MAP,),
     topics.COMMAND_POSE: (MAP,),
     topics.COMMAND_VELOCITY: (f"{MAP} or {BASE}",),
     topics.COMMAND_ATTITUDE: (MAP,),
@@ -91,12 +93,14 @@ All are reliable. History: the last {topics.DEPTH} messages, volatile; where the
 "latched", the last one, or as many as it says, transient local, for who comes late.
 Subscribers of default QoS meet all of them; who asks for best effort does, too. `/tf` and
 `/tf_static` are sent where `tf2_msgs` is installed: the PyPI wheels do not hold it. No
-flight needs the last five. `robot_state_publisher` turns the main rotor by `joint_states`.
+flight needs the last seven. `robot_state_publisher` turns the main rotor by `joint_states`.
 `excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token, and the outer loop for each command that it flies. Yours to send are `goto`, or by
 REP-147's name `command_pose`: a level pose in `map`, stamped with the flight's time,
 or with zero for now (`heli goto`, [Pilot](howto/pilot.md));
+`goto_gps`: a place by latitude, longitude and height above the ellipsoid (WGS-84), stamped alike,
+flown to as the nose points;
 `command_velocity`: in `map` (east, north, up) or in `base_link` (forward, left, up, level),
 angular x and y 0, renewed within `command.timeout_s` (`examples/velocity.py`);
 `command_attitude`: the attitude wanted, heading included, as `attitude_setpoint` has it, and
@@ -108,7 +112,7 @@ above where it stands; `land`, `hold`, `velocity`, `attitude` and `manual` witho
 point that holds a pose, `follow` with those of a trajectory. `attitude_setpoint` and
 `collective` are what the outer loop tells the inner one: while it is not active, you may send both
 yourself. The recorder hears all but `scene`, the
-live view all but the last four. As every node of ROS 2, these also send `/rosout`,
+live view all but the last six. As every node of ROS 2, these also send `/rosout`,
 `/parameter_events` and `~/transition_event`.
 
 The observer fuses GPS, so `odom` is given in `map` (REP-105). The frame `odom` is what moves
@@ -171,7 +175,8 @@ allow, and stay there. `takeoff`: from the ground up to `takeoff.height_m`. `lan
 descend, touch down. `mode/velocity`, `mode/attitude`, `mode/manual`: these modes. `arm`
 (std_srvs/srv/SetBool): without it no take-off; disarmed only while it stands. The answer says
 what will be done, or why not and what is allowed. The parameter `mode` of `outer_loop` commands
-by name when it is set: `ros2 param set /outer_loop mode hover`.
+by name when it is set: `ros2 param set /outer_loop mode hover`. `origin` tells where `map` begins,
+as the latched topic of that name does: a YAML mapping of latitude, longitude and height.
 
 The plant's `clear_faults` (std_srvs/srv/Trigger) ends all faults. They begin by its parameter
 `faults`, where one without `start_s` begins now; `heli fault` sets it.
@@ -183,6 +188,11 @@ ACTIONS = """
 With the node `actions` beside the graph there are actions, too, where `heli_interfaces` is built
 ([heli_actions](../src/heli_actions/README.md)):
 
+"""
+STATUS = """
+Where `heli_interfaces` is built that node sends `status` (heli_interfaces/msg/Status), too, latched
+and with each `/diagnostics` of the outer loop: mode, ready, armed, landed, failsafe, home. There is
+no battery, as none is simulated. From Python the same is `Pilot.status`, on any installation.
 """
 LIFE = """
 ## Life cycle
@@ -254,7 +264,7 @@ def _actions() -> str:
         (f"`{PREFIX}/{kind}`", f"{PACKAGE}/action/{kind.capitalize()}", f"`{topics.GOAL}`: {kind}")
         for kind in Kind
     ]
-    return ACTIONS + _table(("action", "type", "sent on as"), rows)
+    return ACTIONS + _table(("action", "type", "sent on as"), rows) + STATUS
 
 
 def _value(value: Any) -> str:

@@ -35,7 +35,7 @@ _HEARS = {
 _SERVES = {
     "plant": ("clear_faults",),
     "outer_loop": (
-        "hold", "takeoff", "land", "arm", "mode/velocity", "mode/attitude", "mode/manual",
+        "hold", "takeoff", "land", "arm", "origin", "mode/velocity", "mode/attitude", "mode/manual",
     ),
 }  # fmt: skip
 _ASKS = {

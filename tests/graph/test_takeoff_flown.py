@@ -65,10 +65,6 @@ def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_e
 
 TEN_LINES = [[str(EXAMPLES / "ten_lines.py")]]
 CLIENT = [[str(EXAMPLES / "takeoff_goto_land.py"), "9", "6", "12"]]
-COMMANDS = [
-    ["-m", "heli_flight.cli.app", *words]
-    for words in (["takeoff", "6"], ["goto", "9", "6", "12", "--heading", "90"], ["land"])
-]
 
 
 @pytest.mark.slow
@@ -77,9 +73,8 @@ COMMANDS = [
     [
         (TEN_LINES, ["takeoff", "land"]),
         (CLIENT, ["takeoff", "goto", "land"]),
-        (COMMANDS, ["takeoff", "goto", "land"]),
     ],
-    ids=["ten_lines", "client", "commands"],
+    ids=["ten_lines", "client"],
 )
 def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path, programs, said):
     """Beside an aircraft that waits on the ground."""

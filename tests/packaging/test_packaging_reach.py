@@ -36,7 +36,7 @@ SET_FOR_OTHERS = {
     "STORAGE_PLUGINS": "rosbags.rosbag2.Reader",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
-    "markers": "a message", "hardware_id": "a message",
+    "home_known": "a message", "markers": "a message", "hardware_id": "a message",
     "floating_point_range": "a message", "integer_range": "a message",
     **dict.fromkeys(("current_position", "current_velocity", "current_acceleration",
                      "target_position", "target_velocity", "max_velocity", "max_acceleration",
@@ -49,8 +49,8 @@ READ_BY_FIELD = {
     "force_per_w_sigma": "IdentifiedCollective, written by asdict",
 }
 OFFERED = {
+    "vel_enu_mps": "to modes of others (heli_actions.Moment)",
     "over_actions": "by a pilot in Python, to scripts (heli_actions.Pilot)",
-    "flown_mode": "by a pilot in Python, to scripts (heli_actions.Pilot)",
     "to_dataframe": "by scripts and notebooks that have pandas (heli)",
     "fuse_velocity": "to estimators of others (heli.Observer)",
 }

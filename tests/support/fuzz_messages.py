@@ -19,6 +19,7 @@ from heli_msgs_bridge.command_messages import (
     decode_climb,
     decode_goal,
     decode_goto,
+    decode_goto_gps,
     decode_joy,
     decode_reference,
     decode_velocity,
@@ -280,6 +281,7 @@ TARGETS = (
         _object(name, partial(decode_goto, name=name), _good(name, pose__orientation__w=1.0))
         for name in (topics.GOTO, topics.COMMAND_POSE)
     ),
+    _object(topics.GOTO_GPS, partial(decode_goto_gps, origin=_PLACE), _good(topics.GOTO_GPS)),
     _object(
         topics.COMMAND_VELOCITY, lambda m: decode_velocity(m, 0.3), _good(topics.COMMAND_VELOCITY)
     ),

@@ -16,6 +16,7 @@ __getattr__, __dir__, __all__ = face(
             "GoalStatus",
         ],
         "interfaces": ["Interfaces"],
+        "foreign_mode": ["Attitude", "ForeignMode", "Moment", "Requirement", "Velocity"],
         "pilot": ["Feedback", "Pilot", "PilotGoal"],
         "errors": [
             "FlightNotHeard",

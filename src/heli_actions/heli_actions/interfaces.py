@@ -7,7 +7,7 @@ The types are given: nothing of heli_interfaces is imported before somebody want
 import time
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from action_msgs.msg import GoalStatus as RosStatus
@@ -17,9 +17,10 @@ from rclpy.node import Node
 from heli_actions.goals import NOT_KNOWN, Code, GoalFeedback, GoalRequest, GoalStatus, Kind
 from heli_core.rows import REFERENCE
 from heli_core.ticks import NS_PER_S
-from heli_msgs_bridge import frames
+from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.command_messages import decode_goto, decode_reference
 from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.status import AircraftStatus, encode_status
 from heli_msgs_bridge.topics import MAP
 
 # -------------------------------------------------------------------------------------------------
@@ -57,10 +58,18 @@ class Interfaces:
     ----------
     types : mapping
         Per kind its action: `ActiveGoal`, `GoalFeedback` and `Result` as heli_interfaces has them.
+    status_type : type, optional
+        Message `Status` of heli_interfaces.
     """
 
-    def __init__(self, types: Mapping[Kind, Any]) -> None:
-        self.types = types
+    @classmethod
+    def installed(cls) -> Self:
+        """Those of heli_interfaces; LookupError, with a sentence, if they are not built."""
+        types = interface_types()
+        return cls(types, topics.message_class(topics.STATUS_TYPE))
+
+    def __init__(self, types: Mapping[Kind, Any], status_type: Any = None) -> None:
+        self.types, self.status_type = types, status_type
 
     def order(self, kind: Kind, goal: Any, now_ns: int) -> GoalRequest:
         """What a goal asks for; a stamp of zero stands for now.
@@ -83,6 +92,10 @@ class Interfaces:
         if kind == Kind.TAKEOFF and goal.height_m != 0.0:
             return GoalRequest(kind, message=goal.height_m)
         return GoalRequest(kind)
+
+    def status(self, status: AircraftStatus) -> Any:
+        """Status message of an aircraft."""
+        return encode_status(self.status_type(), status)
 
     def goal(self, request: GoalRequest) -> Any:
         """Goal message of what a pilot asks for."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from heli_actions.goals import (
     Code,
@@ -25,7 +25,7 @@ from heli_actions.goals import (
     GoalStatus,
     Kind,
 )
-from heli_actions.interfaces import PREFIX, Interfaces, interface_types
+from heli_actions.interfaces import PREFIX, Interfaces
 from heli_actions.parameters import NODE_NAME, TABLE
 from heli_core.rows import NAV
 from heli_msgs_bridge import topics
@@ -35,6 +35,7 @@ from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.status import AircraftStatus
 
 # -------------------------------------------------------------------------------------------------
 # Action servers whose goals are ended from outside, in one thread.
@@ -115,6 +116,9 @@ def _end(outcome: GoalStatus, result: Any, goal_handle: Any) -> Any:
 # -------------------------------------------------------------------------------------------------
 
 _LOOK_S, _SLOW_PERIOD_S = 0.05, 1.0
+_LATCHED = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 
 
 @dataclass
@@ -137,6 +141,8 @@ class Serving:
         The newest navigation that was not looked at; empty for none.
     feedback_wall_s : float
         When feedback was sent last, wall time.
+    send_status : callable or None
+        Sends the aircraft's state, where its type is installed.
     """
 
     manager: GoalManager
@@ -148,6 +154,7 @@ class Serving:
     odom: Decoder = field(default_factory=lambda: Decoder(topics.ODOM))
     newest: bytes = b""
     feedback_wall_s: float = 0.0
+    send_status: Callable[[Any], None] | None = None
 
 
 class ActionsNode(ManagedNode[Serving, None]):
@@ -163,7 +170,7 @@ class ActionsNode(ManagedNode[Serving, None]):
     def interfaces(self) -> Interfaces:
         """The types that are served; `NodeStartError` if they are not there."""
         try:
-            return Interfaces(interface_types())
+            return Interfaces.installed()
         except LookupError as error:
             raise NodeStartError(str(error)) from error
 
@@ -187,6 +194,10 @@ class ActionsNode(ManagedNode[Serving, None]):
                 self.guarded(self._on_goal), self.guarded(self._on_cancel),
             )  # fmt: skip
             self.at_end(core.servers[kind].destroy)
+        if interfaces.status_type is not None:
+            teller = self.create_publisher(interfaces.status_type, topics.STATUS, _LATCHED)
+            self.at_end(partial(self.destroy_publisher, teller))
+            core.send_status = teller.publish
         self.create_wall_timer(_LOOK_S, self._look)
         self.create_wall_timer(_SLOW_PERIOD_S, self._say_how_it_is)
         return core
@@ -246,7 +257,10 @@ class ActionsNode(ManagedNode[Serving, None]):
 
     def _on_diagnostics(self, message: Any) -> None:
         for told in outer_loop_of(message, self.get_namespace()):
-            self.core.flight.diagnostics(told.stamp_ns, told.sentence, told.facts, time.monotonic())
+            core = self.core
+            core.flight.diagnostics(told.stamp_ns, told.sentence, told.facts, time.monotonic())
+            if core.send_status is not None:
+                core.send_status(core.interfaces.status(AircraftStatus.of_facts(*told)))
 
     def _take_newest(self) -> None:
         core, raw = self.core, self.core.newest

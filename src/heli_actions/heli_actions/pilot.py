@@ -34,9 +34,11 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import SetBool
 
 from heli_actions.errors import FlightNotHeard, GoalError, PilotError, goal_error
+from heli_actions.foreign_mode import ForeignFlight, ForeignMode
 from heli_actions.goals import (
     NOT_KNOWN,
     Code,
@@ -48,7 +50,7 @@ from heli_actions.goals import (
     GoalStatus,
     Kind,
 )
-from heli_actions.interfaces import ActionClients, Interfaces, interface_types
+from heli_actions.interfaces import ActionClients, Interfaces
 from heli_actions.parameters import NODE_NAME, TABLE
 from heli_core.rotations import euler_from_quat, quat_from_euler
 from heli_core.rows import NAV, REFERENCE
@@ -57,14 +59,17 @@ from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.command_messages import (
     PLAIN_COMMANDS,
     decode_goto,
+    decode_goto_gps,
     decode_reference,
     encode_goal,
 )
 from heli_msgs_bridge.diagnostics import GoalState, outer_loop_of
+from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.node_process import Spinning, outlasts_set_clock
+from heli_msgs_bridge.status import AircraftStatus
 
 # -------------------------------------------------------------------------------------------------
 # A goal that is under way.
@@ -260,7 +265,11 @@ class Pilot:
         self._plain: dict[str, _Plain] = {}
         self._feedback_s, self._told_s = values["feedback_period_s"], 0.0
         self._ready, self._closing = threading.Event(), threading.Event()
-        self._lock = threading.Lock()
+        self._lock, self._origin_known = threading.Lock(), threading.Event()
+        self._origin = 0.0, 0.0, 0.0
+        self._foreign: ForeignFlight | None = None
+        self._foreign_goal: PilotGoal | None = None
+        self._wake: Callable[[], None] = lambda: None
         self._hear()
         self._arm = self._node.create_client(SetBool, "arm")
         self._clients = self._actions(actions, interfaces)
@@ -287,8 +296,9 @@ class Pilot:
         for topic, call, qos in (
             (topics.ODOM, self._on_odom, best_effort),
             (topics.DIAGNOSTICS, self._on_diagnostics, topics.qos(topics.DIAGNOSTICS)),
+            (topics.ORIGIN, self._on_origin, topics.qos(topics.ORIGIN)),
         ):
-            cls = topics.message_class(topics.BY_NAME[topic].type)
+            cls = topics.message_class(topics.KNOWN[topic].type)
             node.create_subscription(cls, topic, call, qos, raw=topic == topics.ODOM)
 
     def _actions(self, wanted: bool | None, given: Interfaces | None) -> ActionClients | None:
@@ -296,7 +306,7 @@ class Pilot:
         if wanted is False:
             return None
         try:
-            interfaces = given or Interfaces(interface_types())
+            interfaces = given or Interfaces.installed()
         except LookupError as error:
             if wanted:
                 raise FlightNotHeard(str(error)) from error
@@ -374,6 +384,27 @@ class Pilot:
             raise _refused(error) from error
         return self._send(GoalRequest(Kind.GOTO, end_ned_m, message), **how)
 
+    def goto_gps(
+        self, latitude_deg: float, longitude_deg: float, height_m: float,
+        heading_deg: float | None = None, **how: Any,
+    ) -> Any:  # fmt: skip
+        """Fly to a place by latitude, longitude and height above the ellipsoid, all WGS-84.
+
+        Else as `goto`.
+        """
+        if not self._origin_known.wait(self._manager.limits.answer_s):
+            raise goal_error(Code.NO_ANSWER, "goto_gps: the outer loop tells no origin")
+        fix = NavSatFix(
+            latitude=float(latitude_deg), longitude=float(longitude_deg), altitude=float(height_m)
+        )
+        try:
+            ned, enu = decode_goto_gps(fix, datum(*self._origin)).pos_ned_m, np.empty(3)
+        except (MessageError, ValueError) as error:
+            raise _refused(error) from error
+        frames.ned_to_enu(ned, enu)
+        east_m, north_m, up_m = enu.tolist()
+        return self.goto(east_m, north_m, up_m, heading_deg, **how)
+
     def follow(self, trajectory: Any, **how: Any) -> Any:
         """Follow a way, and hold its end; returns, raises and has more words as `takeoff`.
 
@@ -395,6 +426,24 @@ class Pilot:
     def land(self, **how: Any) -> Any:
         """Come to rest, descend, touch down, stand; as `takeoff` without a height."""
         return self._send(GoalRequest(Kind.LAND), **how)
+
+    def fly(self, mode: ForeignMode, **how: Any) -> Any:
+        """Fly a mode of yours until it is done; returns, raises and has more words as `takeoff`.
+
+        What it requires is checked first (`GoalRefused`) and at each step (`ModeLeft`); `cause`
+        names what failed. When it ends, in whatever way, the aircraft hovers.
+
+        Parameters
+        ----------
+        mode : ForeignMode
+        """
+        cancel, tell = partial(self._call, self._end_foreign), how.pop("on_feedback", None)
+        wait, timeout_s = how.pop("wait", True), how.pop("timeout_s", None)
+        if how:
+            raise TypeError(f"fly: unknown words {', '.join(how)}")
+        goal = PilotGoal(mode.name, cancel, tell)
+        self._call(self._begin_foreign, goal, mode)
+        return self._wait(goal, timeout_s) if wait else goal
 
     def hold(self) -> str:
         """Stop as soon as the limits allow, and stay; a goal that is under way ends by it."""
@@ -438,6 +487,7 @@ class Pilot:
     def cancel(self) -> None:
         """Cancel whatever goals of this pilot are under way; they say so themselves."""
         self._call(self._cancel_all)
+        self._call(self._end_foreign)
 
     # --- the flight ------------------------------------------------------------------------------
 
@@ -447,9 +497,15 @@ class Pilot:
         return self._clients is not None
 
     @property
-    def flown_mode(self) -> str:
-        """Mode that is flown, as the outer loop says."""
-        return self._flight.mode
+    def status(self) -> AircraftStatus:
+        """What the outer loop says of the aircraft: mode, armed, landed, failsafe, home."""
+        flight = self._flight
+        return AircraftStatus.of_facts(flight.outer_loop_ns, flight.sentence, flight.facts)
+
+    @property
+    def origin(self) -> tuple[float, float, float] | None:
+        """Where `map` begins: latitude and longitude, deg, height, m (WGS-84); None till known."""
+        return self._origin if self._origin_known.is_set() else None
 
     @property
     def pos_enu_m(self) -> Array:
@@ -516,12 +572,13 @@ class Pilot:
     # --- in its own thread -----------------------------------------------------------------------
 
     def _serve(self) -> None:
-        spinning = Spinning(self._executor, _PATIENCE_S)
+        spinning, at_once = Spinning(self._executor, _PATIENCE_S), Spinning(self._executor)
+        self._wake = at_once.stop
         sentence = "the pilot is closed; the flight goes on"
         try:
             with outlasts_set_clock(self._executor, [self._node]):
                 while not self._closing.is_set() and self._ros.ok():
-                    spinning.serve()
+                    (spinning if self._foreign is None else at_once).serve()
                     self._look()
         except BaseException as error:
             sentence = f"the pilot has failed: {type(error).__name__}: {error}"
@@ -530,6 +587,8 @@ class Pilot:
             with self._lock:
                 self._closing.set()
             spinning.serve()  # what was still asked for
+            if self._foreign is not None:
+                self._foreign.end(Code.CLOSED, sentence, holds=False)
             for goal in (*self._goals.values(), *(one.goal for one in self._plain.values())):
                 goal.end(Code.CLOSED, f"{goal.name}: {sentence}")
             self._executor.shutdown()
@@ -538,6 +597,37 @@ class Pilot:
             self._node.destroy_node()
             if self._own_context:
                 self._ros.try_shutdown()
+
+    def _begin_foreign(self, goal: PilotGoal, mode: ForeignMode) -> None:
+        if self._foreign is not None:
+            goal.end(Code.REFUSED, f"{mode.name}: this pilot flies a mode already")
+            return
+
+        def finish(code: Code, sentence: str, cause: str, holds: bool) -> None:
+            self._foreign = None
+            self._wake()
+            if holds:
+                key = uuid.uuid4().hex
+                hold = PilotGoal("hold", partial(self._drop, key), None)
+                self._plain[key] = _Plain("hold", hold, time.monotonic())
+            goal.end(code, sentence, cause)
+
+        self._foreign = ForeignFlight(mode, self._node, self._manager.limits.answer_s, finish)
+        self._foreign_goal = goal
+
+    def _end_foreign(self) -> None:
+        if self._foreign is not None:
+            self._foreign.end(Code.CANCELED, "cancelled")
+
+    def _step_foreign(self, nav: Array, stamp_ns: int, wall_s: float) -> None:
+        """One step of the mode that is flown from here; feedback of it."""
+        flight, foreign, goal = self._flight, self._foreign, self._foreign_goal
+        if foreign is None or goal is None:
+            return
+        foreign.step(nav, stamp_ns, self.status, flight.facts, wall_s)
+        if not goal.done:
+            where = nav[NAV.pos].copy(), nav[NAV.quat].copy()
+            goal.told(GoalFeedback(stamp_ns, flight.mode, *where, NOT_KNOWN, NOT_KNOWN))
 
     def _begin(self, key: str, goal: PilotGoal, request: GoalRequest) -> None:
         self._goals[key] = goal
@@ -571,6 +661,12 @@ class Pilot:
 
     def _on_odom(self, raw: bytes) -> None:
         self._newest = raw
+        if self._foreign is not None:
+            self._look()
+
+    def _on_origin(self, message: Any) -> None:
+        self._origin = message.latitude, message.longitude, message.altitude
+        self._origin_known.set()
 
     def _on_diagnostics(self, message: Any) -> None:
         for told in outer_loop_of(message, self._node.get_namespace()):
@@ -585,6 +681,7 @@ class Pilot:
             if np.isfinite(nav[NAV.pos]).all() and np.isfinite(nav[NAV.quat]).all():
                 stamp_ns = self._odom.stamp_ns
                 self._manager.odom(stamp_ns, nav[NAV.pos], nav[NAV.quat], wall_s)
+                self._step_foreign(nav, stamp_ns, wall_s)
         if flight.ready and flight.odom_ns:
             self._ready.set()
         self._manager.update(wall_s)
@@ -619,6 +716,7 @@ class Pilot:
             del self._plain[key]
 
 
-def _refused(error: MessageError) -> GoalError:
-    cause = "" if error.cause is None else error.cause.name
+def _refused(error: ValueError) -> GoalError:
+    named = error.cause if isinstance(error, MessageError) else None
+    cause = "" if named is None else named.name
     return goal_error(Code.REFUSED, str(error), cause)

@@ -7,15 +7,20 @@ import threading
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import SetBool
 
 from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.command_messages import decode_goal
+from heli_msgs_bridge.command_messages import decode_goal, encode_origin
 from heli_msgs_bridge.diagnostics import (
+    FACT_ARMED,
+    FACT_FAILSAFE,
     FACT_GOALS,
+    FACT_HOME,
+    FACT_LANDED,
     FACT_MODE,
     FACT_OFFSET,
     GoalAnswer,
@@ -47,8 +52,15 @@ class OuterLoopDouble:
         self._told = self.node.create_publisher(
             DiagnosticArray, topics.DIAGNOSTICS, topics.qos(topics.DIAGNOSTICS)
         )
+        origin = topics.KNOWN[topics.ORIGIN]
+        self._origin = self.node.create_publisher(
+            topics.message_class(origin.type), origin.name, topics.qos(origin.name)
+        )
+        self._origin.publish(encode_origin(28.17, 112.93, 50.0))
         cls = topics.message_class(topics.BY_NAME[topics.GOAL].type)
         self.node.create_subscription(cls, topics.GOAL, self.hear, topics.qos(topics.GOAL))
+        self.velocities, self.takes_over, self.facts = queue.Queue(), True, {}
+        self.node.create_subscription(TwistStamped, topics.COMMAND_VELOCITY, self.hear_velocity, 10)
         self.node.create_service(SetBool, "arm", self.arm)
         self.node.create_timer(PERIOD_S, self.tell)
         self._executor = SingleThreadedExecutor(context=context)
@@ -61,6 +73,11 @@ class OuterLoopDouble:
         if goal.goal_id not in self.heard:
             self.heard.add(goal.goal_id)
             self.goals.put(goal)
+
+    def hear_velocity(self, message):
+        self.velocities.put(message)
+        if self.takes_over:
+            self.takes_over, self.mode = False, "velocity"
 
     def arm(self, request, response):
         self.armed, response.success = request.data, self.mode == "standing"
@@ -77,6 +94,9 @@ class OuterLoopDouble:
         odom.pose.pose.orientation.z = odom.pose.pose.orientation.w = 0.5**0.5
         self._odom.publish(odom)
         facts = {FACT_MODE: self.mode, FACT_OFFSET: "[0.0, 0.0, 0.0]" if self.ready else "[]"}
+        facts |= {FACT_ARMED: "True", FACT_LANDED: str(self.mode == "standing")}
+        facts |= {FACT_FAILSAFE: "NONE", FACT_HOME: "[1.0, 2.0, 0.0]"}
+        facts |= self.facts
         facts[FACT_GOALS] = goals_text(list(self.answers.values()))
         values = [KeyValue(key=key, value=value) for key, value in facts.items()]
         status = DiagnosticStatus(name=self.name, message="as told", values=values)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from rosidl_adapter.action import convert_action_to_idl
-from rosidl_adapter.parser import parse_action_file
+from rosidl_adapter.parser import parse_action_file, parse_message_file
 from rosidl_parser.definition import Action, IdlLocator
 from rosidl_parser.parser import parse_idl_file
 
@@ -33,9 +33,11 @@ from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.status import AircraftStatus, encode_status
 
 PACKAGE = Path(__file__).resolve().parents[2] / "heli_interfaces"
 NAMES = [kind.capitalize() for kind in Kind]
+STATUS = parse_message_file(PACKAGE.name, str(PACKAGE / "msg" / "Status.msg"))
 PLAIN = {"bool": bool, "string": str, "float64": float, "uint8": int}
 
 
@@ -83,17 +85,36 @@ def adapters(types):
     return Interfaces(types)
 
 
+def test_a_status_fills_its_message():
+    status = AircraftStatus(
+        3 * NS_PER_S + 5, "hover", True, True, False, "LAND", (2.0, 1.0, 0.5), "lands"
+    )
+    message = encode_status(class_of(STATUS)(), status)
+    stamp = message.header.stamp
+    assert (message.header.frame_id, stamp.sec, stamp.nanosec) == ("map", 3, 5)
+    assert (message.mode, message.failsafe, message.message) == ("hover", "LAND", "lands")
+    assert (message.ready, message.armed, message.landed) == (True, True, False)
+    assert message.home_known and (message.home.x, message.home.y, message.home.z) == (2, 1, 0.5)
+    assert not encode_status(class_of(STATUS)(), AircraftStatus()).home_known
+
+
 def test_the_package_names_its_definitions():
+    assert [path.name for path in (PACKAGE / "msg").iterdir()] == ["Status.msg"]
     there = {path.stem for path in (PACKAGE / "action").iterdir()}
     assert there == set(NAMES)
     built = (PACKAGE / "CMakeLists.txt").read_text()
     manifest = (PACKAGE / "package.xml").read_text()
     for name in NAMES:
         assert f'"action/{name}.action"' in built
+    assert '"msg/Status.msg"' in built
+    parts = [
+        part
+        for action in map(definition, NAMES)
+        for part in (action.goal, action.result, action.feedback)
+    ]
     used = {
         field.type.pkg_name
-        for name in NAMES
-        for part in (definition(name).goal, definition(name).result, definition(name).feedback)
+        for part in (*parts, STATUS)
         for field in part.fields
         if field.type.pkg_name
     }

@@ -54,7 +54,7 @@ def test_from_the_ground_to_the_ground(pilot, outer_loop, beside):
     flown = beside(pilot.land)
     outer_loop.fly("land", "standing", (10.0, 2.0, 0.0))
     assert flown.result(LIMIT_S) == "land: done, mode standing"
-    assert pilot.flown_mode == "standing" and not pilot.over_actions
+    assert pilot.status.mode == "standing" and not pilot.over_actions
 
 
 def test_without_a_heading_the_nose_stays_as_it_is(pilot, outer_loop, beside):
@@ -141,6 +141,24 @@ def test_ctrl_c_in_a_call_that_waits_cancels_it(pilot, outer_loop, beside, monke
     assert hold.command == "hold"
     with pytest.raises(KeyboardInterrupt):
         flown.result(LIMIT_S)
+
+
+def test_what_is_known_of_the_aircraft_has_its_types(pilot, outer_loop):
+    assert pilot.status.ready and pilot.status.home_enu_m == (2.0, 1.0, 0.0)
+    assert pilot.status.armed and pilot.status.landed and pilot.status.failsafe == "NONE"
+    assert pilot.status.stamp_ns > 0 and pilot.status.sentence == "as told"
+
+
+def test_a_place_on_earth_is_flown_to(pilot, outer_loop, beside):
+    """A thousandth of a degree of latitude is 110.8 m there (WGS-84), of longitude 98.2 m."""
+    flown = beside(pilot.goto_gps, 28.171, 112.931, 60.0, 0.0)
+    goal = decode_goto(outer_loop.fly("goto", "hover", (98.2, 110.8, 10.0)).argument)
+    np.testing.assert_allclose(goal.pos_ned_m, [110.8, 98.2, -10.0], atol=0.1)
+    assert flown.result(LIMIT_S).startswith("goto: there, ")
+    assert pilot.origin == (28.17, 112.93, 50.0)
+    with pytest.raises(GoalRefused) as caught:
+        pilot.goto_gps(99.0, 0.0, 60.0)
+    assert caught.value.cause == "OUT_OF_RANGE"
 
 
 def test_in_asyncio_it_is_awaited(pilot, outer_loop, beside):

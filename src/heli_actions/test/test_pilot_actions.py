@@ -12,12 +12,15 @@ import pytest
 import rclpy
 from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
 from test_msgs.action import Fibonacci
 
 from heli_actions import FlightNotHeard, FlightSilent, GoalCanceled, GoalRefused, Pilot
 from heli_actions.goals import Kind
 from heli_actions.interfaces import PREFIX, Interfaces
 from heli_actions.node import ActionsNode
+from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import GoalState
 
 LIMIT_S = 120.0
@@ -27,7 +30,7 @@ class StandIns(Interfaces):
     meant = []
 
     def __init__(self):
-        super().__init__(dict.fromkeys(Kind, Fibonacci))
+        super().__init__(dict.fromkeys(Kind, Fibonacci), String)
 
     def _number(self, what):
         self.meant.append(what)
@@ -41,6 +44,9 @@ class StandIns(Interfaces):
 
     def feedback(self, kind, feedback):
         return Fibonacci.Feedback(sequence=[self._number(feedback)])
+
+    def status(self, status):
+        return String(data=repr(status))
 
     def read_feedback(self, kind, message):
         return self.meant[message.sequence[0]]
@@ -103,6 +109,19 @@ def test_it_tells_where_it_is_and_can_be_cancelled(pilot, outer_loop):
     outer_loop.answer(hold, GoalState.SUCCEEDED, "hold: to here")
     with pytest.raises(GoalCanceled):
         goal.result(LIMIT_S)
+
+
+def test_the_aircrafts_state_is_told_with_its_types(ros_context, outer_loop, served):
+    told, node = queue.Queue(), rclpy.create_node("watcher", context=ros_context)
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, topics.STATUS, told.put, qos)
+    executor = SingleThreadedExecutor(context=ros_context)
+    executor.add_node(node)
+    while told.empty():
+        executor.spin_once(timeout_sec=1.0)
+    assert "mode='standing'" in told.get().data
+    executor.shutdown()
+    node.destroy_node()
 
 
 def test_who_serves_may_go(ros_context, outer_loop):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from heli_core.rotations import euler_from_quat, quat_from_euler
 from heli_core.rows import REFERENCE
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import LATITUDE_DEG, LONGITUDE_DEG, NS_PER_S
 from heli_core.trajectory import MAX_POINTS, Trajectory, TrajectoryError
 from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.layouts import FrameError, MessageCause, MessageError, quoted
@@ -270,6 +270,64 @@ def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
         )
     stamp = message.header.stamp
     return GoalPose(stamp.sec * NS_PER_S + stamp.nanosec, pos, psi)
+
+
+_HIGHEST_M = 100_000.0
+"""Above it nothing flies; and the numbers of the conversion stay finite."""
+
+
+class GoalFix(NamedTuple):
+    """Where to go: stamp, ns; position (3,), NED, m, by its latitude, longitude and height."""
+
+    stamp_ns: int
+    pos_ned_m: NDArray[np.float64]
+
+
+def decode_goto_gps(message: Any, origin: frames.Datum) -> GoalFix:
+    """The goal of a `NavSatFix` (object of rclpy or of rosbags), about the origin of `map`.
+
+    Latitude and longitude in deg, height above the ellipsoid in m, all WGS-84.
+
+    Raises
+    ------
+    MessageError
+        A number that is not finite, a latitude, longitude or height that is none.
+    """
+    name = topics.GOTO_GPS
+    place = np.array([message.latitude, message.longitude, message.altitude], float)
+    if not np.isfinite(place).all():
+        problem, cause = f"latitude, longitude, height {place.tolist()}", MessageCause.NOT_FINITE
+        raise MessageError(problem, cause, topic=name, value=place.tolist(), allowed=_FINITE)
+    if (np.abs(place) > (LATITUDE_DEG, LONGITUDE_DEG, _HIGHEST_M)).any():
+        raise MessageError(
+            f"latitude {place[0]:g} deg, longitude {place[1]:g} deg, height {place[2]:g} m",
+            MessageCause.OUT_OF_RANGE,
+            topic=name,
+            value=place.tolist(),
+            allowed=f"within {LATITUDE_DEG:g} deg, {LONGITUDE_DEG:g} deg and {_HIGHEST_M:g} m",
+        )
+    pos = np.empty(3)
+    frames.geodetic_to_ned(place, origin, pos)
+    stamp = message.header.stamp
+    return GoalFix(stamp.sec * NS_PER_S + stamp.nanosec, pos)
+
+
+def encode_origin(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Any:
+    """The origin of `map` as a `NavSatFix` (imports ROS messages); its stamp is zero: always."""
+    message = topics.message_class(topics.KNOWN[topics.ORIGIN].type)()
+    message.header.frame_id = MAP
+    message.latitude, message.longitude, message.altitude = latitude_deg, longitude_deg, altitude_m
+    return message
+
+
+def encode_home(pos_ned_m: NDArray[np.float64], stamp_ns: int) -> Any:
+    """Where a flight began (3,), NED, m, as a `PointStamped` in `map` (imports ROS messages)."""
+    message, enu = topics.message_class(topics.KNOWN[topics.HOME].type)(), np.empty(3)
+    message.header.frame_id = MAP
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+    frames.ned_to_enu(pos_ned_m, enu)
+    message.point.x, message.point.y, message.point.z = enu.tolist()
+    return message
 
 
 def attitude_of(name: str, xyzw: NDArray[np.float64]) -> tuple[float, float, float]:

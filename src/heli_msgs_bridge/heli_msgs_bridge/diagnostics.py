@@ -24,6 +24,11 @@ FACT_MODE = "mode"
 FACT_FAILSAFE = "failsafe"
 """What the outer loop calls what it does by itself, a name of `heli_outer_pd.failsafes.Action`;
 what it says changes with it."""
+FACT_ARMED, FACT_LANDED = "armed", "landed"
+"""What the outer loop calls whether a take-off is obeyed, and whether it stands on the ground."""
+FACT_HOME = "home_ned_m"
+"""What the outer loop calls the place (3,) where its flight began; an empty list until it is
+known."""
 FACT_CLIMB = "takeoff_height_m"
 """What the outer loop calls the height of the newest take-off that had one of its own, m."""
 FACT_WAYS = "reference_since_ns"

@@ -33,6 +33,7 @@ ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 REFERENCE = "reference"
 GOTO = "goto"
+GOTO_GPS = "goto_gps"
 COMMAND_POSE, COMMAND_VELOCITY = "command_pose", "command_velocity"
 """Names of REP-147; the first is a goto by another name."""
 COMMAND_ATTITUDE, COMMAND_CLIMB = "command_attitude", "command_climb"
@@ -53,6 +54,10 @@ TF, TF_STATIC = "/tf", "/tf_static"
 ROBOT_DESCRIPTION = "robot_description"
 JOINT_STATES = "joint_states"
 """How far the main rotor has turned, and its speed: of the joint that `ROTOR_SPEED_NAMES` names."""
+ORIGIN, HOME = "origin", "home"
+"""Where `map` begins: latitude, longitude, height (WGS-84); where the flight began, in `map`."""
+STATUS, STATUS_TYPE = "status", "heli_interfaces/msg/Status"
+"""The aircraft's state with its types, from the node `actions`, where its type is installed."""
 SCENE = "scene"
 """Pictures of the flight (visualization_msgs/MarkerArray) from `live_view`; no part of the graph's
 data, so neither in the table nor in bags."""
@@ -153,6 +158,7 @@ TABLE: tuple[Topic, ...] = (
     ),
     # From whoever commands the flight.
     Topic(GOTO, _POSE, (), _OUTER, 0),
+    Topic(GOTO_GPS, "sensor_msgs/msg/NavSatFix", (), _OUTER, 0),
     Topic(COMMAND_POSE, _POSE, (), _OUTER, 0),
     Topic(COMMAND_VELOCITY, "geometry_msgs/msg/TwistStamped", (), _OUTER, 0),
     Topic(COMMAND_ATTITUDE, "geometry_msgs/msg/QuaternionStamped", (), _OUTER, 0),
@@ -186,9 +192,11 @@ TOOLS: tuple[Topic, ...] = (
     Topic(TF_STATIC, _TRANSFORMS, _PLANT, (), 0, latched=True),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", _PLANT, (), 0, latched=True),
     Topic(JOINT_STATES, _JOINTS, _PLANT, (), 4),
+    Topic(ORIGIN, "sensor_msgs/msg/NavSatFix", _OUTER, (), 0, latched=True),
+    Topic(HOME, "geometry_msgs/msg/PointStamped", _OUTER, (), 0, latched=True),
 )
 """What RViz and its like want besides. No node waits for it, no flight needs it, and a type may be
-missing: tf2_msgs is not among the wheels. But for the last they carry no stamp in front."""
+missing: tf2_msgs is not among the wheels. Only `JOINT_STATES` is filed by its own stamp."""
 
 SENSORS = frozenset(t.name for t in TABLE if t.source == _PLANT and t.sinks)
 """What a driver sends in the place of the plant; of real drivers many are best effort."""

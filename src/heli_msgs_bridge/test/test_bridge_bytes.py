@@ -253,6 +253,7 @@ def test_nobody_reads_the_padding(topic, fast_decoder):
 def test_every_stream_of_the_graph_is_here():
     """All that is sent as bytes; reference, pilots' and diagnostics are message objects."""
     of_pilots = {topics.GOTO, topics.COMMAND_POSE, topics.COMMAND_VELOCITY, topics.JOY}
+    of_pilots |= {topics.GOTO_GPS}
     of_pilots |= {topics.COMMAND_ATTITUDE, topics.COMMAND_CLIMB, topics.GOAL}
     objects = {topics.REFERENCE, topics.DIAGNOSTICS, topics.CLOCK} | of_pilots
     assert set(MESSAGES) == set(CHANNELS) == set(topics.BY_NAME) - objects

@@ -22,6 +22,7 @@ from heli_msgs_bridge.command_messages import (
     decode_climb,
     decode_goal,
     decode_goto,
+    decode_goto_gps,
     decode_joy,
     decode_velocity,
     encode_reference,
@@ -109,10 +110,11 @@ class Commands:
         return take
 
     def _go_to(self, message: Any, topic: str) -> Answer:
-        """Whether a pose is flown to, and a sentence: where it is, or why not."""
+        """Whether a place is flown to, and a sentence: where it is, or why not."""
         node, answer = self._node, None
+        goal_of = self._goal_by_gps if topic == topics.GOTO_GPS else self._goal_of
         try:
-            refused = self._do(Command.GOTO, self._goal_of(message, topic))
+            refused = self._do(Command.GOTO, goal_of(message, topic))
             if refused is not None:
                 answer = Answer.refused(refused.sentence, refused.cause)
         except MessageError as error:
@@ -271,6 +273,15 @@ class Commands:
         self._log(response.success, response.message)
         return response
 
+    def origin(self, request: Any, response: Any) -> Any:
+        """The callback of the service that tells where `map` begins, as a YAML mapping."""
+        place, response.success = self._node.core.origin, True
+        response.message = (
+            f"{{latitude_deg: {place.lat_deg!r}, longitude_deg: {place.lon_deg!r}, "
+            f"altitude_m: {place.alt_m!r}}}"
+        )
+        return response
+
     def judge_mode(self, name: str) -> None:
         """Whether a mode may be commanded by this name now; ValueError says why not."""
         named = command_named(name)
@@ -398,16 +409,25 @@ class Commands:
         return Refusal(command.value, cause, cause.value, (ARM,))
 
     def _goal_of(self, message: Any, topic: str) -> tuple[np.ndarray, float]:
-        """Position and heading; MessageError or ReferenceRefused says why there are none.
-
-        A stamp of zero stands for now.
-        """
+        """Position and heading; MessageError or ReferenceRefused says why there are none."""
         goal = decode_goto(message, topic)
+        self._check_goal(topic, goal.stamp_ns)
+        return goal.pos_ned_m, goal.psi_rad
+
+    def _goal_by_gps(self, message: Any, topic: str) -> tuple[np.ndarray, float]:
+        """The same of a place by latitude and longitude; the heading stays as it is."""
+        node = self._node
+        goal = decode_goto_gps(message, node.core.origin)
+        self._check_goal(topic, goal.stamp_ns)
+        now = node.run.phases.trajectory.at(node.stamp_ns(node.tick))
+        return goal.pos_ned_m, float(now[REFERENCE.psi])
+
+    def _check_goal(self, topic: str, stamp_ns: int) -> None:
+        """MessageError or ReferenceRefused unless a place may be flown to; zero stands for now."""
         self._check_held()
         # Without a stamp it means now, as by the action, and as `ros2 topic pub` sends it.
-        if goal.stamp_ns:
-            self._check_stamp(topic, goal.stamp_ns, self._node.values["goto.max_age_s"])
-        return goal.pos_ned_m, goal.psi_rad
+        if stamp_ns:
+            self._check_stamp(topic, stamp_ns, self._node.values["goto.max_age_s"])
 
     def _check_stamp(self, topic: str, stamp_ns: int, most_s: float) -> None:
         """MessageError unless a stamp is of the flight's time and young enough."""

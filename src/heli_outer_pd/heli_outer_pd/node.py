@@ -17,17 +17,27 @@ from heli_core.rotations import euler_from_quat
 from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.command_messages import decode_reference, encode_reference, key_of
+from heli_msgs_bridge.command_messages import (
+    decode_reference,
+    encode_home,
+    encode_origin,
+    encode_reference,
+    key_of,
+)
 from heli_msgs_bridge.diagnostics import (
+    FACT_ARMED,
     FACT_CLIMB,
     FACT_FAILSAFE,
     FACT_GOALS,
+    FACT_HOME,
+    FACT_LANDED,
     FACT_LAW_FAILED,
     FACT_MODE,
     FACT_OFFSET,
     FACT_WAYS,
     Level,
 )
+from heli_msgs_bridge.frames import Datum, datum
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Arrived, Demand
@@ -71,7 +81,7 @@ from heli_outer_pd.state import (
 # What the node `outer_loop` has while it is configured.
 # -------------------------------------------------------------------------------------------------
 
-COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
+COMMANDS = (topics.REFERENCE, topics.GOTO, topics.GOTO_GPS, topics.COMMAND_POSE)
 """Topics on which references and goals come."""
 UNHEARD = topics.BY_NAME[topics.REFERENCE].kept
 """References of its own that may be under way to itself."""
@@ -121,6 +131,14 @@ class ConfiguredOuterLoop(TickCore):
         Of those, what a predecessor has heard and this node will hear once more.
     armed : bool
         Whether a take-off is obeyed.
+    send_home : callable
+        Sends where the flight began.
+    origin : Datum
+        Where `map` begins.
+    landed : bool
+        Whether it stands, as it was told last.
+    told_home_ned_m : list of float
+        Where the flight began, as it was told last; empty before.
     goals : Goals
         Commands with an id, and what has become of them.
     flies : OwnPositionLaw
@@ -133,6 +151,8 @@ class ConfiguredOuterLoop(TickCore):
     send_attitude: Send
     send_collective: Send
     send_trajectory: Callable[[Any], None]
+    send_home: Callable[[Any], None]
+    origin: Datum
     limits: ReferenceLimits
     goto: Goto
     inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
@@ -148,6 +168,8 @@ class ConfiguredOuterLoop(TickCore):
     trajectories: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_TOLD))
     repeated: list[int] = field(default_factory=list)
     armed: bool = True
+    landed: bool = False
+    told_home_ned_m: list[float] = field(default_factory=list)
     goals: Goals = field(default_factory=Goals)
     flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))
 
@@ -176,6 +198,7 @@ class ConfiguredOuterLoop(TickCore):
 # Node.
 # -------------------------------------------------------------------------------------------------
 
+_ORIGIN = ("latitude_deg", "longitude_deg", "altitude_m")
 _COMMANDERS_PERIOD_S = 1.0
 _WAITS = "waits for navigation: the trim is commanded"
 Judged = tuple[tuple[PhaseNumbers, Goto, OuterParams, ReferenceLimits], StickMap]
@@ -198,6 +221,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
             send_collective=self.create_sender(topics.COLLECTIVE),
             send_trajectory=self._way_teller(),
+            send_home=self._latched(topics.HOME),
+            origin=datum(*(self.values[f"origin.{name}"] for name in _ORIGIN)),
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
             flies=own_law(self.values["own_law"]),
@@ -206,7 +231,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
         self._warm_up(core)
         self.hear_commands(topics.REFERENCE, self._on_reference, MOST_WAY_BYTES)
-        for topic in (topics.GOTO, topics.COMMAND_POSE):
+        for topic in (topics.GOTO, topics.GOTO_GPS, topics.COMMAND_POSE):
             self.hear_commands(topic, commands.on_goto(topic))
         self.hear_commands(topics.GOAL, commands.on_goal, MOST_WAY_BYTES)
         self.hear_one(topics.COMMAND_VELOCITY, commands.on_velocity)
@@ -216,6 +241,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         for command, name in SERVED.items():
             self.create_guarded_service(Trigger, name, commands.service(command))
         self.create_guarded_service(SetBool, ARM, commands.arm)
+        self.create_guarded_service(Trigger, topics.ORIGIN, commands.origin)
+        self._latched(topics.ORIGIN)(encode_origin(*core.origin[:3]))
         self.create_wall_timer(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
@@ -350,6 +377,13 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.at_end(partial(self.destroy_publisher, publisher))
         return publisher.publish
 
+    def _latched(self, topic: str) -> Callable[[Any], None]:
+        """Sends what who comes later gets, too."""
+        cls = topics.message_class(topics.KNOWN[topic].type)
+        publisher = self.create_publisher(cls, topic, topics.qos(topic))
+        self.at_end(partial(self.destroy_publisher, publisher))
+        return publisher.publish
+
     def _followed(self) -> Trajectory | None:
         """What is followed: a goto, a reference, or what was held at first."""
         return self.run.diverted or self.core.trajectory or self.run.held
@@ -470,6 +504,11 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             self.core.commands.fly(phases.trajectory)
         core.commands.after_step()
         self.urgent = core.goals.look(phases)
+        self.urgent |= core.landed != phases.stands
+        core.landed = phases.stands
+        if phases.trajectory is not None and core.told_home_ned_m != phases.home_ned_m.tolist():
+            core.told_home_ned_m, self.urgent = phases.home_ned_m.tolist(), True
+            core.send_home(encode_home(phases.home_ned_m, stamp_ns))
         while phases.remarks:
             self.get_logger().warning(phases.remarks.pop(0))
 
@@ -496,7 +535,9 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 FACT_MODE: self.run.phases.phase.mode,
                 FACT_FAILSAFE: answer(phases.phase, core.state).name,
                 FACT_WAYS: [list(trajectory) for trajectory in core.trajectories],
-                "armed": core.armed,
+                FACT_ARMED: core.armed,
+                FACT_LANDED: core.landed,
+                FACT_HOME: core.told_home_ned_m,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state.x[MEMORY.disturbance], 4).tolist(),

@@ -7,16 +7,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import Trigger
 
-from heli_core.rows import NAV
+from heli_core.rows import NAV, REFERENCE
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import encode_goal, encode_reference, key_of
 from heli_msgs_bridge.diagnostics import FACT_GOALS, FACT_WAYS, GoalState, goals_of
 from heli_msgs_bridge.layouts import CHANNELS, MessageCause
+from heli_msgs_bridge.status import AircraftStatus
 from heli_outer_pd.goals import Goals
 from heli_outer_pd.modes import Command, Fact, Guard, Phase, RefusalCause
 from heli_outer_pd.node import OuterLoopNode
@@ -212,6 +215,56 @@ def test_a_takeoff_has_a_height_of_its_own_once(standing):
     assert standing.goal("land", "b").state == GoalState.SUCCEEDED
     assert standing.goal("takeoff", "c").state == GoalState.ACTIVE
     assert standing.node.run.phases.climb_m == packaged_m
+
+
+def test_a_place_on_earth_is_flown_to_as_the_nose_points(hovering):
+    origin = hovering.node.core.origin
+    fix = NavSatFix(latitude=origin.lat_deg, longitude=origin.lon_deg, altitude=origin.alt_m + 14.0)
+    fix.latitude += 20.0 / 110_800.0
+    hovering.outer.receive(topics.GOTO_GPS, fix)
+    end = hovering.node.run.diverted.points[-1]
+    np.testing.assert_allclose(end[REFERENCE.pos], [20.0, 0.0, -14.0], atol=0.05)
+    assert end[REFERENCE.psi] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"latitude": float("nan")}, "goto_gps: latitude, longitude, height [nan, "),
+        ({"longitude": 300.0}, "goto_gps: latitude 28.17 deg, longitude 300 deg, height 64 m; all"),
+        (
+            {"altitude": 1e308},
+            "goto_gps: latitude 28.17 deg, longitude 112.93 deg, height 1e+308 m",
+        ),
+        ({"latitude": 28.3}, "goto_gps: the goal is "),
+    ],
+)
+def test_a_place_on_earth_that_is_none_is_refused(hovering, change, why):
+    origin = hovering.node.core.origin
+    place = {"latitude": origin.lat_deg, "longitude": origin.lon_deg, "altitude": 64.0}
+    hovering.outer.receive(topics.GOTO_GPS, NavSatFix(**(place | change)))
+    assert hovering.node.core.refused[topics.GOTO_GPS].startswith(why)
+    assert hovering.node.run.diverted is None
+
+
+def test_the_origin_is_asked_for(hovering):
+    values = hovering.node.values
+    told = hovering.ask("origin")
+    assert told.success
+    assert yaml.safe_load(told.message) == {
+        name: values[f"origin.{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")
+    }
+
+
+def test_where_it_stands_and_began_is_told_at_once(standing):
+    standing.fly(4)
+    status = AircraftStatus.of_facts(1, "", {k: str(v) for k, v in standing.answers[-1].items()})
+    assert status.landed and status.armed and status.ready and status.mode == "standing"
+    assert status.home_enu_m == (0.0, 0.0, 0.0) and status.failsafe == "NONE"
+    assert standing.goal("takeoff").state == GoalState.ACTIVE
+    standing.fly(4)
+    status = AircraftStatus.of_facts(1, "", {k: str(v) for k, v in standing.answers[-1].items()})
+    assert not status.landed and status.mode == "takeoff"
 
 
 @pytest.mark.parametrize("height_m", [0.5, -3.0, 500.0])

@@ -106,7 +106,9 @@ def takeoff(
 
 @pilot.command(
     context_settings=_NUMBERS,
-    epilog=_epilog("heli goto 10 0 5", "heli goto -10 4 5 --heading 90"),
+    epilog=_epilog(
+        "heli goto 10 0 5", "heli goto -10 4 5 --heading 90", "heli goto --gps 28.1702 112.9301 62"
+    ),
 )
 def goto(
     east: Annotated[float, typer.Argument(metavar="EAST", help="m from the origin of map")],
@@ -116,15 +118,24 @@ def goto(
         float | None,
         typer.Option(metavar="DEG", help="of the nose, 0 is north, 90 east (default: as it is)"),
     ] = None,
+    gps: Annotated[
+        bool,
+        typer.Option(
+            "--gps", help="instead: latitude and longitude, deg, height over the ellipsoid, m"
+        ),
+    ] = False,
     namespace: Namespace = "",
     wait: Wait = 120.0,
     quiet: Quiet = False,
 ) -> int:
     """Fly to a point and hold it; ends when the aircraft is there."""
-    return _fly(
-        namespace, wait, quiet,
-        lambda p, tell: p.goto(east, north, up, heading, on_feedback=tell),
-    )  # fmt: skip
+    place = east, north, up, heading
+
+    def ask(commander: "Pilot", tell: "Callable[[Feedback], None]") -> str:
+        go = commander.goto_gps if gps else commander.goto
+        return str(go(*place, on_feedback=tell))
+
+    return _fly(namespace, wait, quiet, ask)
 
 
 @pilot.command(epilog=_epilog("heli land"))
