@@ -387,7 +387,7 @@ heli_make_missing() {
         printf '%s' "$heli_want_env" >"$heli_venv/heli_test_stamp"
         heli_mark "test tools"
     fi
-    printf 'Set up in %d s: %s.\n' "$((SECONDS - begun_s))" "$heli_split" >&2
+    printf 'Set up in %d s: %s.\n' "$((heli_marked_s - begun_s))" "$heli_split" >&2
     heli_tell_size
 }
 
