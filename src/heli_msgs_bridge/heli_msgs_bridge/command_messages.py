@@ -312,11 +312,12 @@ def decode_goto_gps(message: Any, origin: frames.Datum) -> GoalFix:
     return GoalFix(stamp.sec * NS_PER_S + stamp.nanosec, pos)
 
 
-def encode_origin(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Any:
+def encode_origin(origin: frames.Datum) -> Any:
     """The origin of `map` as a `NavSatFix` (imports ROS messages); its stamp is zero: always."""
     message = topics.message_class(topics.KNOWN[topics.ORIGIN].type)()
     message.header.frame_id = MAP
-    message.latitude, message.longitude, message.altitude = latitude_deg, longitude_deg, altitude_m
+    message.latitude, message.longitude = origin.lat_deg, origin.lon_deg
+    message.altitude = origin.alt_m
     return message
 
 

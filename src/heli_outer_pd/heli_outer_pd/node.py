@@ -242,7 +242,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             self.create_guarded_service(Trigger, name, commands.service(command))
         self.create_guarded_service(SetBool, ARM, commands.arm)
         self.create_guarded_service(Trigger, topics.ORIGIN, commands.origin)
-        self._latched(topics.ORIGIN)(encode_origin(*core.origin[:3]))
+        self._latched(topics.ORIGIN)(encode_origin(core.origin))
         self.create_wall_timer(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
