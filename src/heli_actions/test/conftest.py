@@ -27,6 +27,7 @@ from heli_msgs_bridge.diagnostics import (
     GoalState,
     goals_text,
 )
+from heli_msgs_bridge.frames import datum
 
 LIMIT_S = 120.0
 PERIOD_S = 0.02
@@ -56,7 +57,7 @@ class OuterLoopDouble:
         self._origin = self.node.create_publisher(
             topics.message_class(origin.type), origin.name, topics.qos(origin.name)
         )
-        self._origin.publish(encode_origin(28.17, 112.93, 50.0))
+        self._origin.publish(encode_origin(datum(28.17, 112.93, 50.0)))
         cls = topics.message_class(topics.BY_NAME[topics.GOAL].type)
         self.node.create_subscription(cls, topics.GOAL, self.hear, topics.qos(topics.GOAL))
         self.velocities, self.takes_over, self.facts = queue.Queue(), True, {}
