@@ -10,6 +10,8 @@ from heli_msgs_bridge.diagnostics import NodeState
 MANAGER = "lifecycle_manager"
 NODES = ("scenario", "observer", "inner_loop", "outer_loop", "plant")
 ACTIVE, INACTIVE, UNCONFIGURED = 3, 2, 1
+PATIENT = {"peer_timeout_s": 100.0}
+"""Time stands still for whoever is lost: the aircraft does not crash meanwhile."""
 
 
 @pytest.fixture
@@ -17,8 +19,8 @@ def led(crew):
     """Nodes and their manager, which is active and was told nothing yet."""
 
     def make(**changes):
-        one = crew(*NODES, MANAGER, duration_s=600.0, node_names=NODES, peer_timeout_s=0.05,
-                   **changes)  # fmt: skip
+        changes = {"peer_timeout_s": 0.05} | changes
+        one = crew(*NODES, MANAGER, duration_s=600.0, node_names=NODES, **changes)
         one.bring_up(MANAGER)
         return one
 
@@ -64,7 +66,7 @@ def test_who_refuses_is_named(led):
 
 def test_who_is_lost_and_comes_back_is_brought_up(led):
     """The observer's process dies; another one is started in its place, as by launch."""
-    crew = led(bond_timeout=2.0, bond_respawn_max_duration=120.0)
+    crew = led(bond_timeout=2.0, bond_respawn_max_duration=120.0, **PATIENT)
     assert order(crew, "startup").success
     crew.spin_until(lambda: crew.nodes["plant"].tick > 20)
     crew.leave("observer")
@@ -77,7 +79,7 @@ def test_who_is_lost_and_comes_back_is_brought_up(led):
 
 
 def test_who_does_not_come_back_takes_the_others_down(led):
-    crew = led(bond_timeout=2.0, bond_respawn_max_duration=0.1)
+    crew = led(bond_timeout=2.0, bond_respawn_max_duration=0.1, **PATIENT)
     assert order(crew, "startup").success
     crew.leave("observer")
     crew.spin_until(lambda: system(crew) == SystemState.FAILED)
