@@ -26,6 +26,7 @@ from heli_actions.node import PREFIX, Kind
 from heli_core.command_line import executable
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli import app as cli
+from heli_flight.graph.manager import SystemCommand
 from heli_flight.settings import NODES
 from heli_msgs_bridge import topics
 
@@ -52,11 +53,13 @@ SHORTER = {
     "./heli python -m evidence.experiments.cpu_types": "--seeds 1 --only Nehalem",
 }
 # Commands that look at a running graph: one flies in real time beside them.
-NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/")
+NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/",
+                "./heli goto")  # fmt: skip
 # Commands that run until they are interrupted: their first words are waited for.
 ENDLESS = ("./heli run", "./heli replay", "./hover_test.sh --live --live-wait")
 PROGRAMS = ("./", "heli ", "ros2 ", "rosdep ", "python ", "colcon ")
-NOT_SHELL = ("mermaid", "yaml", "json", "text")
+# `py`: parts of a pilot's script; `test_pilot_client_flown.py` flies such.
+NOT_SHELL = ("mermaid", "yaml", "json", "text", "py")
 # How long a failure takes at most; on loaded cores an identification takes minutes.
 LIMIT_S = 900
 
@@ -256,11 +259,19 @@ def check_action(words, launch):
     assert set(yaml.safe_load(goal)) <= fields
 
 
+def check_service(words, launch):
+    verb, name, type_name = words
+    assert (verb, type_name) == ("call", "std_srvs/srv/Trigger")
+    node, command = name.strip("/").split("/")
+    assert node == "lifecycle_manager" and command in set(SystemCommand)
+
+
 ROS2 = {
     "action": check_action,
     "run": check_run,
     "launch": check_launch,
     "param": check_param,
+    "service": check_service,
     "topic": check_topic,
     "bag": check_bag,
 }

@@ -124,7 +124,7 @@ def test_several_old_names_are_one_line(capsys):
 
 def test_every_command_with_a_new_name_takes_the_old_one():
     having = {path: command for path, command in ALL if options(command) & NEW}
-    assert len(having) == 9
+    assert len(having) == 13
     classes = (CommandWithRenamed, CommandWithWords)
     assert [path for path, command in having.items() if not isinstance(command, classes)] == []
 

@@ -61,6 +61,10 @@ CALLS = {
     "bag ulog": ["bag", "ulog", "{flight}", "--out", "{own}"],
     "bag repair": ["bag", "repair", "{flight}", "--out", "{own}"],
     "fault": ["fault", "--list", "--timeout", "0.1"],
+    "takeoff": ["takeoff", "--wait", "0.1"],
+    "goto": ["goto", "1", "2", "3", "--wait", "0.1"],
+    "land": ["land", "--wait", "0.1"],
+    "mode": ["mode", "hover", "--wait", "0.1"],
     "echo": ["echo", "odom", "--timeout", "0.1", "--settle", "0"],
     "topics": ["topics", "--settle", "0"],
     "run": ["run", "heli_observer", "observer"],
@@ -91,7 +95,7 @@ MAKES_DOCUMENTS = {"results make", "results check", "results render"}
 """They run the others, as the documents' numbers were made, or write these."""
 TO_SEND = "udp of a free port"
 """Of Fast DDS: nobody reads what comes there."""
-_WITHOUT_A_GRAPH = {"echo", "fault"}
+_WITHOUT_A_GRAPH = {"echo", "fault", "takeoff", "goto", "land", "mode"}
 _ENDED_BY_A_KEY = {"replay", "run", "joy"}
 SETS_REACH = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS",

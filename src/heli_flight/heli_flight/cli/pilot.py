@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from heli_flight.cli.common import EXIT_BROKEN, beginning
+from heli_flight.cli.common import EXIT_BROKEN, CommandWithRenamed, beginning
 
 if TYPE_CHECKING:
     from heli_actions.pilot import Feedback, Pilot
@@ -88,7 +88,9 @@ def _teller(quiet: bool) -> "Iterator[Callable[[Feedback], None]]":
         yield lambda feedback: status.update(_in_words(feedback))
 
 
-@pilot.command(epilog=_epilog("heli takeoff", "heli takeoff 5 --namespace heli2"))
+@pilot.command(
+    cls=CommandWithRenamed, epilog=_epilog("heli takeoff", "heli takeoff 5 --namespace heli2")
+)
 def takeoff(
     height: Annotated[
         float | None,
@@ -105,6 +107,7 @@ def takeoff(
 
 
 @pilot.command(
+    cls=CommandWithRenamed,
     context_settings=_NUMBERS,
     epilog=_epilog(
         "heli goto 10 0 5", "heli goto -10 4 5 --heading 90", "heli goto --gps 28.1702 112.9301 62"
@@ -138,13 +141,13 @@ def goto(
     return _fly(namespace, wait, quiet, ask)
 
 
-@pilot.command(epilog=_epilog("heli land"))
+@pilot.command(cls=CommandWithRenamed, epilog=_epilog("heli land"))
 def land(namespace: Namespace = "", wait: Wait = 120.0, quiet: Quiet = False) -> int:
     """Have the aircraft land; ends when it stands."""
     return _fly(namespace, wait, quiet, lambda p, tell: p.land(on_feedback=tell))
 
 
-@pilot.command(epilog=_epilog("heli mode hover", "heli mode velocity"))
+@pilot.command(cls=CommandWithRenamed, epilog=_epilog("heli mode hover", "heli mode velocity"))
 def mode(
     name: Annotated[
         str,
