@@ -3,6 +3,7 @@
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,20 +17,37 @@ KINDS = {
 }
 
 
-def flown(kind, env, folder):
-    """A short flight through the graph where /dev/shm is as `kind` says."""
+ALONE_AGAIN = """
+import os, rclpy
+from heli_flight.graph.processes import end_tracer
+end_tracer()
+end_tracer()
+while len(os.listdir("/proc/self/task")) > 1:
+    os.sched_yield()
+print("flown")
+"""
+
+
+def run(kind, command, env, folder):
+    """Run a command where /dev/shm is as `kind` says."""
     script = f'{{ {KINDS[kind]}; }} || exit 77\n"$@"'
     alone = ("unshare", "--mount", "--map-root-user", "bash", "-c", script, "bash")
     done = subprocess.run(
-        (*alone, *FLIGHT), env=env, cwd=folder, capture_output=True, text=True, timeout=LIMIT_S
+        (*alone, *command), env=env, cwd=folder, capture_output=True, text=True, timeout=LIMIT_S
     )
     if done.returncode in (1, 77) and "flown" not in done.stdout:
         pytest.skip("a file system of one's own needs the right to mount")
     return done
 
 
+def test_no_thread_of_the_tracer_stays_that_would_take_the_end_of_a_node(ros_env, tmp_path):
+    """With what rclpy imports it forks and waits for any child, where it has no shared memory."""
+    done = run("read-only", (sys.executable, "-c", ALONE_AGAIN), ros_env, tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
 def test_it_flies_over_udp_where_shared_memory_is_read_only(ros_env, tmp_path):
-    done = flown("read-only", ros_env, tmp_path)
+    done = run("read-only", FLIGHT, ros_env, tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("/dev/shm") == 1
     # Neither Fast DDS nor multiprocessing has anything to say.
@@ -37,7 +55,7 @@ def test_it_flies_over_udp_where_shared_memory_is_read_only(ros_env, tmp_path):
 
 
 def test_full_shared_memory_is_named_before_anything_starts(ros_env, tmp_path):
-    done = flown("full", ros_env, tmp_path)
+    done = run("full", FLIGHT, ros_env, tmp_path)
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
     assert "/dev/shm" in line and "3.0 MB free" in line

@@ -7,6 +7,7 @@ attitudes, on `command_velocity`, `command_attitude` and `command_climb`.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -106,7 +107,7 @@ class Attitude:
     climb_mps: float = 0.0
 
 
-class ForeignMode:
+class ForeignMode(ABC):
     """A mode of yours: derive from it and write `update`.
 
     Attributes
@@ -120,9 +121,9 @@ class ForeignMode:
     name = "foreign mode"
     requires = frozenset(Requirement)
 
+    @abstractmethod
     def update(self, now: Moment) -> Velocity | Attitude | None:
         """What to fly now; None when it is done. Called with each navigation that comes."""
-        raise NotImplementedError
 
     def refuses(self, now: Moment) -> str:
         """Why it cannot be flown now, by requirements of your own; empty if it can."""
