@@ -18,6 +18,16 @@ import pytest
 _DOMAINS = itertools.count((os.getpid() * 7) % 90)
 
 
+@pytest.fixture(autouse=True)
+def _own_environment():
+    """What a test or the code in it puts into the environment ends with it."""
+    before = dict(os.environ)
+    yield
+    for name in os.environ.keys() - before.keys():
+        del os.environ[name]
+    os.environ.update(before)
+
+
 @pytest.fixture
 def own_domain():
     """A ROS domain that no other test run on this machine uses meanwhile."""

@@ -375,7 +375,8 @@ _MISSING_MPS, _FALLEN = 2.0, 0.3
 it: touched down. Differences of the speed alone, so that an error of the navigation's is none."""
 _USUAL_S = 1.0
 """Time constant of the thrust that carries it."""
-_AT_LIMIT = 1e-3
+_AT_LIMIT_S = 0.5
+"""The collective is saturated after so long at its limit; shorter it was a gust."""
 
 
 def lean(nav: Array, k: OuterParams) -> Array:
@@ -419,15 +420,15 @@ class TouchDown:
         return self._missing_mps > _MISSING_MPS and fallen < _FALLEN * self._missing_mps
 
 
-def not_flown(nav: Array, col: float, lean_max_rad: float, k: OuterParams) -> set[Guard]:
+def not_flown(nav: Array, at_limit_s: float, lean_max_rad: float, k: OuterParams) -> set[Guard]:
     """Guards of tilt and thrust that do not hold.
 
     Parameters
     ----------
     nav : array
         Navigation row.
-    col : float
-        Collective as commanded.
+    at_limit_s : float
+        For so long the collective has been at its limit.
     lean_max_rad : float
         Off hover's attitude, for a take-off.
     k : OuterParams
@@ -438,8 +439,7 @@ def not_flown(nav: Array, col: float, lean_max_rad: float, k: OuterParams) -> se
         fails.add(Guard.UPRIGHT)
     if tilt > k.tilt_limit:
         fails.add(Guard.ENVELOPE)
-    low, high = k.thrust_limits
-    if not low + _AT_LIMIT < hover_share(col, k) < high - _AT_LIMIT:
+    if at_limit_s > _AT_LIMIT_S:
         fails.add(Guard.UNSATURATED)
     return fails
 

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from heli_core.jit import copy, fill, is_zero, njit, scratch
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, SETPOINT
-from heli_outer_pd.disturbance import estimate, flown_acceleration, flyable, trim_thrust
+from heli_outer_pd.disturbance import (
+    estimate,
+    flown_acceleration,
+    flyable,
+    hover_share,
+    trim_thrust,
+)
 from heli_outer_pd.state import (
     BY_HAND,
     MACHINE,
@@ -23,6 +29,9 @@ _OK = int(OuterStatus.OK)
 _BAD_NAVIGATION = int(OuterStatus.BAD_NAVIGATION)
 _FADE_S = 0.5
 """Time constant with which what another has flown fades; as the attitude law's."""
+
+_AT_LIMIT = 1e-3
+"""Nearer to a limit of the thrust, as a share of the weight, a collective is at it."""
 
 
 @njit
@@ -70,6 +79,15 @@ def collective_limits(k):
     low = collective_for_thrust(k.thrust_limits[0] * weight, 0.0, trim_thrust(k), trim, k.rotor)
     high = collective_for_thrust(k.thrust_limits[1] * weight, 0.0, trim_thrust(k), trim, k.rotor)
     return min(low, high), max(low, high)
+
+
+@njit
+def count_at_limit(col, k, state):
+    """How long a collective has stood at the limits of the thrust, into the state."""
+    low, high = k.thrust_limits
+    share = hover_share(col, k) * trim_thrust(k) / (k.mass * k.g)
+    free = low + _AT_LIMIT < share < high - _AT_LIMIT
+    state.x[MEMORY.at_limit_s] = 0.0 if free else state.x[MEMORY.at_limit_s] + k.dt_s
 
 
 @njit

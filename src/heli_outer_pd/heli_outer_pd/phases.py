@@ -422,8 +422,8 @@ class Phases:
             return fails | {Guard.NAVIGATION, Guard.LEVEL}
         fails |= {Guard.NAVIGATION} if self.lost else set()
         fails |= {Guard.FENCE} if self.fence_distance_m > 0.0 else set()
-        col = self._state.x[MEMORY.command][SETPOINT.col]
-        fails |= not_flown(nav, col, self.numbers.lean_max_rad, k)
+        at_limit_s = float(self._state.x[MEMORY.at_limit_s])
+        fails |= not_flown(nav, at_limit_s, self.numbers.lean_max_rad, k)
         fails |= {Guard.CLEAR} if self._is_low(nav) else set()
         return fails
 

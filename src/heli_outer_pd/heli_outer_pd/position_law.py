@@ -42,7 +42,7 @@ from heli_outer_pd.disturbance import (
     watch_attitude,
     watch_rotor,
 )
-from heli_outer_pd.manual_controller import manual_law, take_over
+from heli_outer_pd.manual_controller import count_at_limit, manual_law, take_over
 from heli_outer_pd.position_health import (
     begin_at_height,
     hold_lean,
@@ -402,4 +402,5 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
         autorotate(nav, k, state, out)
     if k.sweep.shape != 0:
         add_sweep(time_ns / NS_PER_S, k.sweep, out)
+    count_at_limit(state.x[MEMORY.command][SETPOINT.col], k, state)
     return code

@@ -22,6 +22,7 @@ from heli_core.rotations import wrap_pi
 from heli_core.rows import SETPOINT, SHAPED
 from heli_core.signals import add_sweep
 from heli_core.ticks import NS_PER_S
+from heli_outer_pd.manual_controller import count_at_limit
 from heli_outer_pd.outer_loop import OuterLoopState, step
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.state import (
@@ -102,6 +103,7 @@ class OwnPositionLaw:
             out[:] = flown.x[MEMORY.command] = before
             return OuterStatus.BAD_REFERENCE
         out[:] = flown.x[MEMORY.command] = self._limited(self._faded(made, before, k), k)
+        count_at_limit(out[SETPOINT.col], k, flown)
         if k.sweep.shape != 0:
             add_sweep(time_ns / NS_PER_S, k.sweep, out)
         return code

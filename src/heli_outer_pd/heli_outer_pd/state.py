@@ -92,7 +92,7 @@ def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
 
 
 class OuterStateRow(NamedTuple):
-    """Numbers of the law's state (86,)."""
+    """Numbers of the law's state (87,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -157,7 +157,8 @@ class OuterStateRow(NamedTuple):
     sigmas: slice = slice(82, 84)  # of the horizontal velocity two and three steps ago, m/s
     ground_known: int = 84  # 1.0: by where the flight began, not by the receiver alone
     ground_off_m: int = 85  # the reference was moved by so much to where it began, and the ground
-    size: int = 86
+    at_limit_s: int = 86  # the collective has commanded the least or most thrust for so long
+    size: int = 87
 
 
 MEMORY = OuterStateRow()
@@ -197,7 +198,7 @@ ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 class OuterState(NamedTuple):
     """State of the law, changed in place."""
 
-    x: np.ndarray  # (86,) places of `MEMORY`
+    x: np.ndarray  # (87,) places of `MEMORY`
     machine: np.ndarray  # (5,) int64, places of `MACHINE`
 
     def copy(self) -> "OuterState":

@@ -533,7 +533,13 @@ def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
 def test_with_the_collective_at_its_limit_no_velocity_is_taken():
     craft = Craft()
     craft.step()
-    craft.state.x[MEMORY.command][SETPOINT.col] = 0.5
+    craft.nav[NAV.pos][2] += 100.0
+    craft.step(moves=False)
+    assert craft.state.x[MEMORY.at_limit_s] == pytest.approx(STEP_NS / 1e9)
+    # A gust may do that; after half a second it is no gust any more.
+    assert craft.go((1.0, 0.0, 0.0)) is None
+    for _ in range(round(0.6e9 / STEP_NS)):
+        craft.step(moves=False)
     assert craft.go((1.0, 0.0, 0.0)).cause == Guard.UNSATURATED
 
 
