@@ -105,7 +105,7 @@ def test_waits_and_timers_outlast_a_clock_that_is_set_back(clock):
     assert done.stdout.splitlines() == ["timers 20", "over"], done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_flight_is_the_same_whatever_the_clock(hover_test, clock, tmp_path):
     plain = hover_test("--duration", "10", "--out", tmp_path / "plain")
     code, count = flown(clock, tmp_path / "set", "--duration", "10")

@@ -124,18 +124,19 @@ def test_another_way_ends_a_goal(pilot, outer_loop):
 
 def test_ctrl_c_in_a_call_that_waits_cancels_it(pilot, outer_loop, beside, monkeypatch):
     real = pilot_module.PilotGoal.result
-    begun = threading.Event()
+    interrupted_once = threading.Event()
 
     def interrupted(goal, timeout_s=None):
-        if begun.is_set():
+        if interrupted_once.is_set():
             return real(goal, timeout_s)
-        begun.set()
         outer_loop.answer(outer_loop.next_goal(), GoalState.ACTIVE, end=[0.0, 0.0, 0.0])
+        interrupted_once.set()
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pilot_module.PilotGoal, "result", interrupted)
     monkeypatch.setattr(pilot_module, "_CANCEL_S", LIMIT_S)
     flown = beside(pilot.land)
+    assert interrupted_once.wait(LIMIT_S)  # until then the goal is the other thread's to take
     hold = outer_loop.next_goal()
     outer_loop.answer(hold, GoalState.SUCCEEDED, "hold: to here")
     assert hold.command == "hold"

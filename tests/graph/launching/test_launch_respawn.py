@@ -68,8 +68,12 @@ def test_a_killed_node_comes_back_and_the_flight_is_the_same(
     launch, tmp_path, ros_env, living, killed
 ):
     """In lockstep number for number, and nobody is called a stranger."""
-    bag = tmp_path / "bag"
+    bag, patient = tmp_path / "bag", tmp_path / "patient.yaml"
+    # However loaded the machine is, the plant waits for the node.
+    waits = f"{{ros__parameters: {{peer_timeout_s: {LIMIT_S}}}}}\n"
+    patient.write_text("".join(f"{name}: {waits}" for name in ("plant", *AGAIN)))
     words = (f"bag:={bag}", f"duration:={LENGTH_S}", "seed:=3", "respawn:=true")
+    words += (f"params_file:={patient}",)
     started = {node.name: node for node in launch(*HOVER, *words)}
     with contextlib.ExitStack() as ending:
 
@@ -93,11 +97,12 @@ def test_a_killed_node_comes_back_and_the_flight_is_the_same(
         assert processes["plant"].wait(LIMIT_S) == 0
         status = processes["recorder"].poll()
     assert status is None and living() == []
+    logs = [path.read_text() for path in sorted(tmp_path.glob("*.log"))]
     flown = read_bag(bag)
     truth = flown.streams[topics.TRUTH_ODOM]
     stamps, first = np.unique(truth.stamp_ns, return_index=True)
     assert len(stamps) == round(LENGTH_S * 100)
     alone = simulate(resolve("hover", seed=3, duration_s=LENGTH_S, world=HOVER_TEST_WORLD))
     flown_m = truth.rows[first][:, PLANT.pos]
-    assert np.abs(flown_m - alone.record.truth_pos_ned_m).max() < 1e-6
+    assert np.abs(flown_m - alone.record.truth_pos_ned_m).max() < 1e-6, logs
     assert not any("somebody else" in remark.message for remark in flown.remarks)
