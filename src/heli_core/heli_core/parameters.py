@@ -259,7 +259,8 @@ def _index(table: Iterable[Parameter]) -> dict[str, Parameter]:
     return rows
 
 
-def _is_of_ros(key: str) -> bool:
+def is_of_ros(key: str) -> bool:
+    """Whether every ROS node has such a parameter (`use_sim_time`, `qos_overrides`)."""
     return key in _OF_ROS or key.startswith(_OF_ROS_PREFIX)
 
 
@@ -314,7 +315,7 @@ def stated(
     from_files = [entry for file in files for entry in applicable(file, node_name)]
     strongest: dict[str, Entry] = {}
     for entry in [*from_files, *_assignments(rules, node_name)]:
-        if _is_of_ros(entry.key) or entry.key in passed_over:
+        if is_of_ros(entry.key) or entry.key in passed_over:
             continue
         row = rows.get(entry.key)
         if row is None:
@@ -391,7 +392,7 @@ def refusal(table: Iterable[Parameter], name: str, value: Any) -> ParameterError
     rows = _index(table)
     row = rows.get(name)
     if row is None:
-        return None if _is_of_ros(name) else unknown(rows, name)
+        return None if is_of_ros(name) else unknown(rows, name)
     if row.read_only:
         problem = "is fixed while the node runs; restart the node to change it"
         return ParameterError(problem, ParameterCause.READ_ONLY, key=name, value=value)

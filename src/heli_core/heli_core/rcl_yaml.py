@@ -240,6 +240,21 @@ def _sections(
             )
 
 
+def _once(entries: Iterable[Entry]) -> Iterator[Entry]:
+    """Refuse a name that a section says twice: nested, and with dots."""
+    before: dict[str, str] = {}
+    for entry in entries:
+        if entry.key in before:
+            raise ParameterError(
+                f"stands here twice, nested and with dots, at {before[entry.key]}, too",
+                ParameterCause.TWICE,
+                where=entry.where,
+                key=entry.key,
+            )
+        before[entry.key] = entry.where
+        yield entry
+
+
 @dataclass(frozen=True)
 class ParameterFile:
     """What a parameter file says, read once.
@@ -277,7 +292,7 @@ def _content(path: Path, text: str) -> ParameterFile:
     entries: list[Entry] = []
     for pattern, node, where in _sections(_root(path, text), path, ""):
         sections.append((pattern, where))
-        entries.extend(_parameters(node, path, pattern, ""))
+        entries.extend(_once(_parameters(node, path, pattern, "")))
     return ParameterFile(path, tuple(sections), tuple(entries))
 
 

@@ -7,7 +7,7 @@ import functools
 import math
 import os
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -35,9 +35,11 @@ from heli_core.faults import (
 )
 from heli_core.parameters import (
     Parameter,
+    is_of_ros,
     load,
     stated,
     suggestion,
+    unknown,
     with_common,
 )
 from heli_core.python_controller import INNER, OUTER, PARAMETER, LawError, short_name
@@ -47,6 +49,7 @@ from heli_core.rcl_yaml import (
     ParameterFile,
     applicable,
     check_node_names,
+    matches,
     opened,
 )
 from heli_core.rows import ACTUATOR, SETPOINT
@@ -523,6 +526,7 @@ def read_defaults(file: ParameterFile) -> FlightDefaults:
     ParameterError
         Something unknown or not allowed, or the file contradicts itself.
     """
+    file = _spread(file)
     by_name = stated(FLIGHT_TABLE, [file], FLIGHT_SECTION)
     moved = []
     for name, (section, key) in SHORT_FOR.items():
@@ -540,6 +544,36 @@ def read_defaults(file: ParameterFile) -> FlightDefaults:
     return FlightDefaults(
         replace(file, sections=sections, entries=(*file.entries, *moved)), by_name
     )
+
+
+def _spread(file: ParameterFile) -> ParameterFile:
+    """The file with what stands under `/**` put where it is known: not all sections know all.
+
+    Raises
+    ------
+    ParameterError
+        No section knows it.
+    """
+    wild = [entry for entry in file.entries if entry.pattern.strip("/") in ("*", "**")]
+    if not wild:
+        return file
+    known = {row.name: row for table in TABLES.values() for row in table}
+    known |= {row.name: row for row in FLIGHT_TABLE}
+    spread = []
+    for entry in wild:
+        if is_of_ros(entry.key):
+            continue
+        if entry.key not in known:
+            raise unknown(known, entry.key, entry.where)
+        spread += [
+            replace(entry, pattern=f"/**/{section}")
+            for section, table in {**TABLES, FLIGHT_SECTION: FLIGHT_TABLE}.items()
+            if any(row.name == entry.key for row in table)
+        ]
+    named = [entry for entry in file.entries if entry not in wild]
+    # A section that is named is stronger, and among equals the last one is.
+    sections = (*file.sections, *((entry.pattern, entry.where) for entry in spread))
+    return replace(file, sections=sections, entries=(*spread, *named))
 
 
 def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | None:
@@ -925,6 +959,37 @@ class Overridden:
 
 
 @dataclass(frozen=True)
+class NotFlown:
+    """What a file of the user's states, and no node flies.
+
+    Attributes
+    ----------
+    section : str
+        Node or section of the file.
+    key : str
+        Parameter; empty where no node of the flight has the section's name.
+    flown : object
+        What is flown in its place.
+    where : str
+        `file:line`
+    """
+
+    section: str
+    key: str
+    flown: Any
+    where: str
+
+    @property
+    def sentence(self) -> str:
+        """In one line."""
+        if not self.key:
+            return f"{self.where}: {self.section}: no node of this flight has that name: not read"
+        by = _BY_SCENARIO.get(self.key)
+        hint = f"; say it as {by}" if by else ""
+        return f"{self.where}: {self.section}: {self.key}: {self.flown} is flown{hint}"
+
+
+@dataclass(frozen=True)
 class Settings:
     """Resolved parameters of every node and of the scenario.
 
@@ -959,6 +1024,8 @@ class Settings:
     unread : tuple of Unread
         What the user's files, options or overrides have changed of the inner loop, and the
         controller that flies does not read.
+    not_flown : tuple of NotFlown
+        What the user's files state, and no node flies.
     """
 
     nodes: Mapping[str, Mapping[str, Any]]
@@ -978,6 +1045,7 @@ class Settings:
     process_faults: tuple[str, ...] = (NONE,)
     overridden: tuple[Overridden, ...] = ()
     unread: tuple[inner_table.Unread, ...] = ()
+    not_flown: tuple[NotFlown, ...] = ()
 
     @property
     def rate(self) -> Rate:
@@ -1114,7 +1182,7 @@ def resolve(
     files = [read(path) for path in params]
     check_node_names(files, _SECTIONS)
     user = [read_defaults(file) for file in files]
-    line = _CommandLine(read, user)
+    line, chosen = _CommandLine(read, user), mode
     name = line.choose("scenario", scenario_name)
     receiver, mode = line.choose("gps", gps), line.choose("mode", mode)
     around, control = (
@@ -1131,11 +1199,14 @@ def resolve(
     layers = layered(read, name, receiver, around, fitting, drawn_by, control)
     values = _over(layers, fitting, line, options, overrides or {})
     unread = _unread(read, values["inner_loop"], fitting, overrides or {})
+    by_hand = [one for one, file in zip(fitting, user, strict=True) if "commit" not in file.section]
     for node in NODES:
         values[node.name] |= {"lockstep": mode != REAL_TIME, "link_seed": values["plant"]["seed"]}
     # What the plant does, the recorder must know; nobody has to say it twice.
     latency_ticks = values["plant"]["sensors.gps.latency_ticks"]
     values[recorder_table.NODE_NAME] |= {"schedule.gps_latency_ticks": latency_ticks}
+    stronger = {name for name, option in {**options, "mode": chosen}.items() if option is not None}
+    not_flown = _not_flown(by_hand, values, stronger, overrides or {})
     return Settings(
         {node.name: values[node.name] for node in NODES},
         _scenario(values),
@@ -1146,7 +1217,7 @@ def resolve(
         values["plant"]["seed"],
         layers.files,
         values[recorder_table.NODE_NAME],
-        (*line.remarks(), *_remark(unread)),
+        (*line.remarks(), *_remark(unread), *(one.sentence for one in not_flown)),
         around,
         values[WORLD_SECTION],
         {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
@@ -1154,7 +1225,55 @@ def resolve(
         broken,
         tuple(line.overridden),
         tuple(unread),
+        tuple(not_flown),
     )
+
+
+_BY_OPTION = {
+    "duration_s": ("duration_s",),
+    "controller": ("controller",),
+    "seed": ("seed", "link_seed"),
+    "rate": ("rate_hz",),
+    "mode": ("lockstep",),
+}
+"""By option the parameters that it decides."""
+_BY_SCENARIO = {
+    "initial.pos_ned_m": "scenario: start_pos_ned_m",
+    "initial.psi_deg": "scenario: heading_deg",
+    "duration_s": "scenario: duration_s",
+    "lockstep": "flight: mode",
+    "link_seed": "plant: seed",
+    "schedule.gps_latency_ticks": "plant: sensors.gps.latency_ticks",
+}
+"""By parameter of a node what decides it in a flight."""
+
+
+def _not_flown(
+    files: Sequence[ParameterFile],
+    values: Mapping[str, Mapping[str, Any]],
+    options: Collection[str],
+    overrides: Mapping[str, Mapping[str, Any]],
+) -> list[NotFlown]:
+    """What files state and no node flies: another value is, or no node has that name.
+
+    What an option or an override decides is left out: whoever gave it knows.
+    """
+    decided = {key for option in options for key in _BY_OPTION[option]}
+    ones = [
+        NotFlown(pattern.strip("/"), "", None, where)
+        for file in files
+        for pattern, where in file.sections
+        if not any(matches(pattern, section) for section in _SECTIONS)
+    ]
+    for section in TABLES:
+        keys = dict.fromkeys(entry.key for file in files for entry in applicable(file, section))
+        for key in keys:
+            if key in decided or key in overrides.get(section, {}) or key not in values[section]:
+                continue
+            entry = assigned(files, section, key)
+            if entry is not None and not _equal(entry.value, values[section][key]):
+                ones.append(NotFlown(section, key, values[section][key], entry.where))
+    return ones
 
 
 def _unread(
