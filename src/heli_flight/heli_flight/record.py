@@ -92,6 +92,13 @@ class FlightRecord:
         return self.time_s.size
 
 
+def record_until(record: FlightRecord, end_s: float) -> FlightRecord:
+    """The rows of a record before a flight time, s."""
+    rows = record.time_s < end_s
+    arrays = {field.name: getattr(record, field.name) for field in fields(record)}
+    return FlightRecord(**{name: a if a is None else a[rows] for name, a in arrays.items()})
+
+
 # -------------------------------------------------------------------------------------------------
 # The record of a flight in a file: what a flight of one process leaves in the place of a bag.
 # -------------------------------------------------------------------------------------------------
