@@ -13,7 +13,8 @@ import numpy as np
 
 from heli_core.rcl_yaml import ParameterError
 
-_P, _R = ParamSpec("_P"), TypeVar("_R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _ARGUMENTS = {
     "attitude-controller": "controller",
     "control-preset": "laws",

@@ -226,7 +226,9 @@ def sentence(result: Result, settings: Settings) -> str:
     missed = [figure.metric.label for figure in result.figures.ground if not figure.inside]
     if found is Verdict.OUTSIDE:
         outside = [f"{s.metric.label} ({_of_bound(s)})" for s in _largest_of_each(result, gps)]
-        return f"Outside {bounds} {when} in {', '.join([*outside, *missed])}"
+        words = [f"{bounds} {when} in {', '.join(outside)}"] if outside else []
+        words += [f"the goals on the ground in {', '.join(missed)}"] if missed else []
+        return f"Outside {' and '.join(words)}"
     beyond = [
         f"{s.metric.label} ({_of_bound(s)})"
         for s in result.outside()

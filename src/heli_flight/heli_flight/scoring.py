@@ -33,7 +33,6 @@ from heli_core.metrics import (
     path_errors,
     size,
 )
-from heli_core.rows import REFERENCE
 from heli_core.ticks import OF_100_HZ, Rate, seconds
 from heli_flight.record import FlightRecord, record_until
 from heli_flight.scenario import GroundFigure, Scenario, ground_figures
@@ -277,7 +276,7 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
     -------
     Figures
     """
-    until_s = told_elsewhere(record, scenario, rate)
+    until_s = told_elsewhere(record, scenario)
     if until_s is not None:
         scenario = scenario.cut_to(scenario.begin_s, until_s)
         record = record_until(record, until_s)
@@ -312,39 +311,24 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
     return Figures(scores[WHOLE], scores[WINDOWS], climb, ground, coverage, until_s)
 
 
-_LOOKS = 64
 _ABOUT_TICKS = 100
-_SAME = 1e-6
 
 
-def told_elsewhere(record: FlightRecord, scenario: Scenario, rate: Rate) -> float | None:
-    """Flight time, s, from which on a test's aircraft flew where a pilot had told it to.
+def told_elsewhere(record: FlightRecord, scenario: Scenario) -> float | None:
+    """Flight time, s, from which on a test's aircraft flew as a pilot had told it to.
 
     What it then flies is another mission than the scenario's, whose bounds say nothing of it. None
-    if it followed the scenario throughout; of a path, whose commands are a part of it; and where
-    a failsafe led away.
+    if nobody told it anything; of a path, whose commands are a part of it; and where a failsafe
+    led away.
     """
-    known = np.flatnonzero(np.isfinite(record.reference).all(axis=1))
-    if scenario.kind == PATH or not known.size:
+    if scenario.kind == PATH or record.commanded is None or not record.commanded.any():
         return None
-    looked = known[np.unique(np.linspace(0, known.size - 1, _LOOKS).astype(int))]
-    if not _apart(record, scenario, rate, looked).any():
-        return None
-    first = int(known[int(_apart(record, scenario, rate, known).argmax())])
+    first = int(record.commanded.argmax())
     if record.failsafe is not None:
         about = record.failsafe[max(0, first - _ABOUT_TICKS) : first + _ABOUT_TICKS]
         if (about != "NONE").any():
             return None
     return float(record.time_s[first])
-
-
-def _apart(record: FlightRecord, scenario: Scenario, rate: Rate, rows: np.ndarray) -> np.ndarray:
-    """Where (M,) the recorded reference is not the scenario's; moved as a whole it still is."""
-    ticks = np.round(record.time_s[rows] * rate.hz).astype(int).tolist()
-    asked = np.array([scenario.reference.at(tick * rate.tick_ns) for tick in ticks])
-    off = record.reference[rows] - asked
-    off[:, REFERENCE.pos] -= off[0, REFERENCE.pos]
-    return np.asarray((np.abs(off) > _SAME).any(axis=1))
 
 
 def _heights_m(record: FlightRecord) -> dict[str, np.ndarray]:

@@ -120,7 +120,7 @@ class MetricComparison:
             "unit": self.metric.unit,
             "paper": self.metric.as_dict()["paper"],
             "flights": [
-                None if s is None else {"max": s.max, "rms": s.rms, "inside": s.inside}
+                None if s is None else {"max": s.max, "rms": s.rms, "inside": s.as_dict()["inside"]}
                 for s in self.scores
             ],
             "change": self.change,
@@ -646,8 +646,8 @@ def _metric_tables(comparison: FlightDiff) -> list[ReportTable]:
 
 
 def _cell(score: Score) -> Markup:
-    size = Markup("{:.3f} <small>({:.3f})</small> ").format(score.max, score.rms)
-    return size + mark(score.inside)
+    size = Markup("{:.3f} <small>({:.3f})</small>").format(score.max, score.rms)
+    return size + " " + mark(score.inside) if score.metric.bounded else size
 
 
 def _plain(score: Score) -> str:

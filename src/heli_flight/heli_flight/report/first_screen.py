@@ -38,6 +38,10 @@ _MARKS = {
     Verdict.NOT_SCORED: ("–", ""),
 }
 _NO_NUMBER = "–"
+_SOURCES = {
+    **SOURCE_NAMES,
+    TRUTH_LESS_DRIFT: "ground truth less the receiver's drift at engagement",
+}
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def source_of(report: Report) -> str:
 def told_of(report: Report) -> str:
     """What the numbers are measured from, and when: a sentence."""
     stretch = "scored windows" if _mask(report)[1] == DECIDES else "whole flight"
-    return f"Largest magnitudes in the {stretch}, by {SOURCE_NAMES[source_of(report)]}."
+    return f"Largest in the {stretch}, by {_SOURCES[source_of(report)]}."
 
 
 def numbers_of(report: Report) -> list[Number]:
@@ -170,12 +174,14 @@ def charts_of(report: Report) -> list[Chart]:
     return [_altitude(report), _track(report)] if len(report.record) else []
 
 
-def _place_ned_m(report: Report) -> np.ndarray:
+def _places_ned_m(report: Report) -> tuple[np.ndarray, np.ndarray]:
+    """Where it was and where it should have been, the latter without the receiver's drift."""
     record, source = report.record, source_of(report)
+    asked = record.reference[:, REFERENCE.pos]
     if source == NAVIGATION:
-        return record.nav_pos_ned_m
+        return record.nav_pos_ned_m, asked
     drift = drift_at_engagement(record) if source == TRUTH_LESS_DRIFT else None
-    return record.truth_pos_ned_m + (0.0 if drift is None else drift)
+    return record.truth_pos_ned_m, asked - (0.0 if drift is None else drift)
 
 
 def _role(report: Report) -> str:
@@ -183,8 +189,8 @@ def _role(report: Report) -> str:
 
 
 def _altitude(report: Report) -> Chart:
-    time_s, asked = report.record.time_s, report.record.reference[:, REFERENCE.pos]
-    flown = Trace(time_s, -_place_ned_m(report)[:, 2], "flown", _role(report), width=1.6)
+    time_s, (place, asked) = report.record.time_s, _places_ned_m(report)
+    flown = Trace(time_s, -place[:, 2], "flown", _role(report), width=1.6)
     wanted = Trace(time_s, -asked[:, 2], "reference", "reference", "dash", width=1.2)
     return Chart(
         "first_altitude",
@@ -201,7 +207,7 @@ def _track(report: Report) -> Chart:
     """From above: about the reference where that hovers, else over the ground."""
     if report.kind == "hover":
         return _about_the_reference(report)
-    place, asked = _place_ned_m(report), report.record.reference[:, REFERENCE.pos]
+    place, asked = _places_ned_m(report)
     traces = [
         Trace(place[:, 1], place[:, 0], "flown", _role(report), width=1.6),
         Trace(asked[:, 1], asked[:, 0], "reference", "reference", "dash", width=1.2),

@@ -149,7 +149,7 @@
   function config(figure) {
     return {
       responsive: false, displaylogo: false, scrollZoom: false,
-      displayModeBar: coarse ? false : "hover",
+      displayModeBar: coarse || figure.height ? false : "hover",
       showSendToCloud: false, plotlyServerURL: "", showLink: false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { format: "svg", filename: figure.key },
