@@ -33,7 +33,7 @@ from heli_core.metrics import (
     path_errors,
     size,
 )
-from heli_core.ticks import OF_100_HZ, Rate, seconds
+from heli_core.ticks import OF_100_HZ, TICKS_PER_S, Rate, seconds
 from heli_flight.record import FlightRecord, record_until
 from heli_flight.scenario import GroundFigure, Scenario, ground_figures
 
@@ -311,9 +311,6 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
     return Figures(scores[WHOLE], scores[WINDOWS], climb, ground, coverage, until_s)
 
 
-_ABOUT_TICKS = 100
-
-
 def told_elsewhere(record: FlightRecord, scenario: Scenario) -> float | None:
     """Flight time, s, from which on a test's aircraft flew as a pilot had told it to.
 
@@ -325,7 +322,7 @@ def told_elsewhere(record: FlightRecord, scenario: Scenario) -> float | None:
         return None
     first = int(record.commanded.argmax())
     if record.failsafe is not None:
-        about = record.failsafe[max(0, first - _ABOUT_TICKS) : first + _ABOUT_TICKS]
+        about = record.failsafe[max(0, first - TICKS_PER_S) : first + TICKS_PER_S]
         if (about != "NONE").any():
             return None
     return float(record.time_s[first])

@@ -161,8 +161,8 @@
     if (!paper) return placeOf(figure).clientWidth;
     return figure.height ? PAPER_PX / 2 - 12 : PAPER_PX;
   };
-  // A chart in a section that is folded has no width; it is drawn when that is opened.
-  const isShown = (figure) => placeOf(figure).clientWidth > 0;
+  // A chart in a section that is folded is drawn when that is opened.
+  const isShown = (figure) => !placeOf(figure).closest("details:not([open])");
 
   async function draw(figure) {
     const place = placeOf(figure);
