@@ -58,8 +58,9 @@ def test_paper_gets_light_charts_that_fit_and_leave_no_half_page(page, flown):
         {"name": "prefers-color-scheme", "value": "dark"}])  # fmt: skip
     page.value("window.dispatchEvent(new Event('afterprint'))")
     assert page.value("document.documentElement.dataset.theme") == "dark"
-    paint = "document.getElementById('chart-wind').data[0].line.color"
-    page.wait(f"{paint} === JSON.parse(document.getElementById('palette').textContent).nav[1]")
+    paint = "document.getElementById('chart-first_altitude').data[0].line.color"
+    page.wait(f"{paint} === JSON.parse(document.getElementById('palette').textContent).truth[1]")
+    assert page.value("document.querySelectorAll('details.section[open]').length") == 0
     assert page.errors == []
 
 

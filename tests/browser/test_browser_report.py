@@ -17,6 +17,7 @@ from heli_flight.settings import resolve
 from heli_studies.identify_report import PAGE
 
 READY = "document.documentElement.dataset.ready === 'true'"
+OPEN_ALL = "document.getElementById('all')?.click()"
 EVENTS = (
     DiagnosticEvent(0.0, "observer", 0, "active"),
     DiagnosticEvent(7.0, "observer", 1, "GPS <timeout> & more"),
@@ -76,7 +77,7 @@ def drawn(new_page):
         if path not in tabs or tabs[path].browser.broken:
             tabs[path] = new_page()
             tabs[path].size(1280, 900)
-            tabs[path].open(path, READY)
+            open_all(tabs[path], path)
         return tabs[path]
 
     yield shown
@@ -94,6 +95,13 @@ def faulty(tmp_path_factory):
     result = Result(score(flight.record, settings.scenario), flight.sentence, 20.0, 1.0)
     record, folder = replace(flight.record, mode=mode), tmp_path_factory.mktemp("faulty")
     return write_report(record, settings, result, folder, "one process", EVENTS)
+
+
+def open_all(page, path):
+    """The page with every section open and every chart drawn."""
+    page.open(path, READY)
+    page.value(OPEN_ALL)
+    page.wait(READY)
 
 
 def foreign_requests(page):
@@ -115,7 +123,8 @@ def test_hover_report_renders_offline(drawn, hover):
     } <= names  # fmt: skip
     for name, traces, lines, width in charts:
         assert traces and lines == traces, name
-        assert 500 < width < 1280, name
+        least = 300 if name.startswith("chart-first_") else 500
+        assert least < width < 1280, name
     assert page.errors == []
     assert foreign_requests(page) == []
 
@@ -197,7 +206,7 @@ def test_drawn_samples_are_the_flight(drawn, hover):
 @pytest.mark.slow
 def test_zoom_is_shared_by_the_charts_of_time(page, hover):
     page.size(1280, 900)
-    page.open(hover, READY)
+    open_all(page, hover)
     area = page.value(
         "(() => { const d = document.getElementById('chart-fig6_v_x');"
         " d.scrollIntoView({behavior: 'instant', block: 'center'});"
@@ -239,7 +248,7 @@ def hover_over(page, key, share):
 
 def test_bands_are_shaded_named_and_told_in_every_chart_over_time(page, faulty):
     page.size(1280, 900)
-    page.open(faulty, READY)
+    open_all(page, faulty)
     charts = page.value(
         "[...document.querySelectorAll('.chart')].map(d => [d.id,"
         " Object.values(d._fullLayout).some(a => a?.title?.text === 'flight time, s'),"
@@ -286,7 +295,7 @@ def test_theme_follows_the_system_and_the_button(page, hover):
         return page.value("document.getElementById('chart-wind').data[0].line.color")
 
     page.prefer("dark")
-    page.open(hover, READY)
+    open_all(page, hover)
     assert page.value("document.documentElement.dataset.theme") == "dark"
     dark = background(), line()
     page.value("document.getElementById('theme').click()")
@@ -299,7 +308,7 @@ def test_theme_follows_the_system_and_the_button(page, hover):
 @pytest.mark.slow
 def test_phone_needs_no_sideways_scrolling(page, hover):
     page.size(390, 844, phone=True)
-    page.open(hover, READY)
+    open_all(page, hover)
     assert page.value("document.documentElement.scrollWidth") <= 390
     widths = page.value(
         "[...document.querySelectorAll('.chart')].map(d => d.getBoundingClientRect().right)"
@@ -313,7 +322,7 @@ def test_phone_needs_no_sideways_scrolling(page, hover):
 @pytest.mark.slow
 def test_charts_are_no_stops_of_the_tab_key(page, hover):
     """What Tab reaches is read on the page: links, buttons, tables that scroll; no chart's."""
-    page.open(hover, READY)
+    open_all(page, hover)
     inside = "[...document.querySelectorAll('.chart *')].filter(e => e.tabIndex >= 0).length"
     assert page.value("document.querySelectorAll('.chart .modebar-btn').length") > 10
     assert page.value(inside) == 0
@@ -334,16 +343,36 @@ def test_a_table_that_scrolls_says_so_and_no_other_does(page, hover):
     wide = {}
     for width in (390, 1280):
         page.size(width, 844, phone=width == 390)
-        page.open(hover, READY)
+        open_all(page, hover)
         tables = page.value(boxes)
         assert tables and all(len(set(marks)) == 1 for marks in tables), tables
         wide[width] = sum(marks[0] for marks in tables)
     assert wide[390] > wide[1280]
     # Tables that are opened are looked at when they are.
     page.size(390, 844, phone=True)
-    page.open(hover, READY)
+    open_all(page, hover)
     page.value("document.querySelectorAll('details').forEach(e => { e.open = true; })")
     page.wait(f"{boxes}.every(said => new Set(said).size === 1)")
+    assert page.errors == []
+
+
+def test_the_first_screen_shows_verdict_numbers_and_both_charts(page, hover):
+    """At 1280 x 900 all of it is in sight; the rest is folded and the page is short."""
+    page.size(1280, 900)
+    page.open(hover, READY)
+    assert page.value("document.querySelectorAll('.verdict').length") == 1
+    assert page.value("document.querySelectorAll('.numbers > div').length") == 4
+    bottoms = page.value(
+        "['.verdict', '.numbers', '#chart-first_altitude', '#chart-first_track', '.links'].map("
+        "s => document.querySelector(s).getBoundingClientRect().bottom)"
+    )
+    assert bottoms[0] < bottoms[1] < min(bottoms[2:4]) and max(bottoms) == bottoms[-1] < 900
+    assert page.value("document.documentElement.scrollHeight") < 2000
+    assert page.value("document.querySelectorAll('details.section[open]').length") == 0
+    # A section that is opened draws its charts; the others are not drawn for it.
+    page.value("document.querySelector('#timeline details').open = true")
+    page.wait("document.querySelector('#chart-timeline .scatterlayer .trace')")
+    assert not page.value("Boolean(document.querySelector('#chart-wind .scatterlayer'))")
     assert page.errors == []
 
 

@@ -49,6 +49,7 @@ CALLS = {
     "replay": ["replay", "{flight}", "--port", "0"],
     "joy": ["joy", "--keyboard"],
     "diff": ["diff", "{flight}", "{another}", "--out", "{own}.html"],
+    "list": ["list", "scenarios"],
     "report": ["report", "{flight}", "--out", "{own}"],
     "design": ["design", "--out", "{own}"],
     "identify": ["identify", "--out", "{own}"],

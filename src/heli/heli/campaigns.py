@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heli.arguments import in_python, whole
 from heli.flight import html_table
 from heli.flying import flown, laws_of, ordered
 from heli_core.rcl_yaml import ParameterError
@@ -109,6 +110,7 @@ class Campaign(Sequence[Mapping[str, Any]]):
         return html_table(*self._table(), self._summary())
 
 
+@in_python
 def campaign(
     spec: str | os.PathLike[str] | None = None,
     *,
@@ -155,10 +157,22 @@ def campaign(
         return _of_spec(Path(spec), workers, quiet)
     if workers:
         raise ParameterError("campaign: workers: belongs to a spec")
-    wanted = parse_seeds(seeds) if isinstance(seeds, str) else [int(seed) for seed in seeds or ()]
+    wanted = parse_seeds(seeds) if isinstance(seeds, str) else _whole(seeds)
     if not wanted or min(wanted) < 0:
         raise ParameterError(f"campaign: seeds {wanted}: not allowed; allowed: integers from 0")
     return _of_seeds(wanted, options, quiet)
+
+
+def _whole(seeds: Any) -> list[int]:
+    """Seeds as integers."""
+    if isinstance(seeds, int):
+        seeds = [seeds]
+    try:
+        return [whole("seeds", seed) or 0 for seed in seeds]
+    except TypeError:
+        raise ParameterError(
+            f"seeds {seeds!r}: not allowed; allowed: integers, or text such as '1..20'"
+        ) from None
 
 
 def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:

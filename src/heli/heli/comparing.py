@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -204,13 +205,14 @@ class Diff:
                 for value, inside in zip(m.values, m.inside, strict=True)
             ]
             last = [ABSENT if m.change is None else _changed(m.change)] if pair else []
-            figures.append([f"{m.name}, {m.unit}", f"{m.paper:g}", *cells, *last])
+            bound = f"{m.paper:g}" if math.isfinite(m.paper) else ABSENT
+            figures.append([f"{m.name}, {m.unit}", bound, *cells, *last])
         more = ["change"] if pair else []
         return [
             ("what differs", ["parameter", "packaged", *self.names], differing),
             (
-                "largest magnitude, navigation, scored windows (! outside the paper's figure)",
-                ["metric", "paper", *self.names, *more],
+                "largest magnitude, navigation, scored windows (! outside the bound)",
+                ["metric", "bound", *self.names, *more],
                 figures,
             ),
         ]

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heli.arguments import in_python, number, whole
 from heli.flight import as_dataframe, html_table
 from heli.flying import split, told_when_long
 from heli_analysis.identification.actuators import COMMANDS, sampled_rates
 from heli_analysis.identification.model import measured_response
 from heli_analysis.identification.spectra import CHANNELS, RATES, spectra_of
 from heli_core.rcl_yaml import ParameterError
-from heli_core.rows import ACTUATOR_NAMES, STATE_NAMES
+from heli_core.rows import ACTUATOR, ACTUATOR_NAMES, SETPOINT, STATE_NAMES
 from heli_core.ticks import TICK_S
 from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.trim import LinearModel, reduced_state
@@ -28,6 +29,8 @@ from heli_dynamics_sim.trim import TrimPoint as PlantTrim
 from heli_dynamics_sim.trim import linearize as linearize_about
 from heli_dynamics_sim.trim import trim as find_trim
 from heli_flight.settings import HOVER_TEST_WORLD, resolve
+from heli_outer_pd.parameters import outer_params
+from heli_outer_pd.state import collective_for_thrust as collective_of_map
 from heli_studies.design.make import FinishedDesign as Made
 from heli_studies.design.make import aircraft_basis, design_of, write_yaml
 from heli_studies.identify import (
@@ -150,6 +153,7 @@ class Design:
         )
 
 
+@in_python
 def design(
     params: Any = None,
     *,
@@ -226,6 +230,11 @@ class Trim:
     wind_ned_mps: NDArray[np.float64]
     speed_mps: float
     full: PlantTrim
+
+    @property
+    def d_col(self) -> float:
+        """The collective that holds it, -1 to 1."""
+        return float(self.u[ACTUATOR.col])
 
     def __repr__(self) -> str:
         wind = np.round(self.wind_ned_mps, 3).tolist()
@@ -324,6 +333,43 @@ def linearize(
         raise ParameterError(f"side {side!r} is not allowed; allowed: descent, climb")
     at = trim(aircraft, wind_ned_mps, speed_mps, psi_rad)
     return linearize_about(aircraft_of(aircraft), at.full, side)
+
+
+@in_python
+def collective_for_thrust(thrust_n: float, climb_mps: float = 0.0, params: Any = None) -> float:
+    """The collective that gives a thrust, by the map that the position law flies with.
+
+    Parameters
+    ----------
+    thrust_n : float
+        Along the rotor's axis, upwards, N; mass times gravity holds hover.
+    climb_mps : float
+        Vertical speed through the air, **up**; negative in a descent.
+    params : optional
+        As of `heli.fly`: another aircraft's.
+
+    Returns
+    -------
+    float
+        -1 to 1; less is more thrust on the packaged aircraft.
+
+    Raises
+    ------
+    ParameterError
+
+    Examples
+    --------
+    >>> heli.collective_for_thrust(9.75 * 9.781)
+    """
+    thrust, climb = number("thrust_n", thrust_n), number("climb_mps", climb_mps)
+    if thrust is None or climb is None or thrust <= 0.0:
+        raise ParameterError(f"thrust_n {thrust_n!r}: not allowed; allowed: a number above 0")
+    files, over = split(params)
+    outer = outer_params(resolve(params=files, overrides=over).nodes["outer_loop"])
+    tilt = math.cos(outer.trim[SETPOINT.phi]) * math.cos(outer.trim[SETPOINT.theta])
+    hover_n, d_col = outer.mass * outer.g / tilt, outer.trim[SETPOINT.col]
+    # The map's speed is that of the hub through the air, down.
+    return float(collective_of_map(thrust, -climb, hover_n, d_col, outer.rotor))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -500,6 +546,7 @@ class Identified:
         return html_table(*self._table(), self._title)
 
 
+@in_python
 def identify(
     aircraft: str | None = None,
     *,
@@ -547,7 +594,7 @@ def identify(
     if over:
         raise ParameterError("params: of an identification; allowed: files")
     wanted = IdentifyOrder(
-        aircraft=aircraft, params=files, seed=None if seed is None else int(seed), gps=gps,
+        aircraft=aircraft, params=files, seed=whole("seed", seed), gps=gps,
         gamma_factor=gamma_factor, one_process=True, quiet=quiet,
     )  # fmt: skip
     return Identified(run(wanted, None))

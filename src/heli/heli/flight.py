@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -260,7 +261,8 @@ class Metric:
         Largest magnitude and rms, in `unit`.
     unit : str
     paper : float
-        The largest that the paper shows; of a path, a goal.
+        Its bound: the largest that the paper shows; of a path, a goal; of a mission of one's own
+        `score.bounds`, or infinite.
     inside : bool
         Whether the value is inside it.
     source : str
@@ -280,8 +282,17 @@ class Metric:
     stretch: str
 
     def __str__(self) -> str:
+        if not math.isfinite(self.paper):
+            return f"{self.value:.3g} {self.unit}"
         word = "inside" if self.inside else "outside"
         return f"{self.value:.3g} {self.unit}, {word} {self.paper:g} {self.unit}"
+
+    @property
+    def _judged(self) -> tuple[str, str]:
+        """The bound and the word for it."""
+        if not math.isfinite(self.paper):
+            return "-", "-"
+        return f"{self.paper:g} {self.unit}", "inside" if self.inside else "OUTSIDE"
 
 
 class Metrics(Mapping[str, Metric]):
@@ -331,7 +342,9 @@ class Metrics(Mapping[str, Metric]):
     def __getitem__(self, name: str) -> Metric:
         if name not in self._by_name:
             known = ", ".join(self._by_name) or "none: the flight ended before what is scored"
-            raise KeyError(f"no metric {name!r}; known: {known}")
+            near = difflib.get_close_matches(str(name), self._by_name, n=1, cutoff=0.4)
+            meant = f"did you mean {near[0]}? " if near else ""
+            raise KeyError(f"no metric {name!r}; {meant}known: {known}")
         return self._by_name[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -341,11 +354,11 @@ class Metrics(Mapping[str, Metric]):
         return len(self._by_name)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Each metric as text: name, label, value, rms, paper, verdict."""
+        """Each metric as text: name, label, value, rms, bound, verdict."""
         return [
             (
                 m.name, m.label, f"{m.value:.3f} {m.unit}", f"{m.rms:.3f} {m.unit}",
-                f"{m.paper:g} {m.unit}", "inside" if m.inside else "OUTSIDE",
+                *m._judged,
             )
             for m in self.values()
         ]  # fmt: skip
@@ -356,7 +369,7 @@ class Metrics(Mapping[str, Metric]):
         return f"largest magnitude, {self.source.replace('_', ' ')}, {stretch}"
 
     def __repr__(self) -> str:
-        rows = [("metric", "", "value", "rms", "paper", ""), *self.rows()]
+        rows = [("metric", "", "value", "rms", "bound", ""), *self.rows()]
         if len(rows) == 1:
             return f"{self._title}: nothing was scored"
         widths = [max(len(row[i]) for row in rows) for i in range(6)]
@@ -367,7 +380,7 @@ class Metrics(Mapping[str, Metric]):
         return "\n".join([self._title, *lines])
 
     def _repr_html_(self) -> str:
-        head = ("metric", "", "value", "rms", "paper", "")
+        head = ("metric", "", "value", "rms", "bound", "")
         return html_table(head, self.rows(), self._title)
 
 
@@ -653,19 +666,25 @@ def draw(flight: Flight, title: str) -> Figure:
     return figure
 
 
+def _sources(flight: Flight) -> list[tuple[Signals, str, str, str]]:
+    """What is drawn of a place: signals, name, style and colour, as in report and live view."""
+    from heli_flight.report.data import PALETTE
+
+    styles = (("truth", "-"), ("nav", ":"), ("reference", "--"))
+    return [
+        (getattr(flight, name), {"nav": "navigation"}.get(name, name), style, PALETTE[name][0])
+        for name, style in styles
+    ]
+
+
 def _altitude(axis: Any, flight: Flight) -> None:
-    axis.plot(flight.time_s, flight.truth.altitude_m, color=_BLUE, label="truth")
-    axis.plot(flight.time_s, flight.nav.altitude_m, ":", color=_ORANGE, label="navigation")
-    axis.plot(flight.time_s, flight.reference.altitude_m, "--", color=_RED, label="reference")
+    for group, label, style, color in _sources(flight):
+        axis.plot(flight.time_s, group.altitude_m, style, color=color, label=label)
     axis.set(xlabel=_TIME, ylabel="altitude (m)", title="Altitude")
 
 
 def _track(axis: Any, flight: Flight) -> None:
-    for group, label, style, color in (
-        (flight.truth, "truth", "-", _BLUE),
-        (flight.nav, "navigation", ":", _ORANGE),
-        (flight.reference, "reference", "--", _RED),
-    ):
+    for group, label, style, color in _sources(flight):
         axis.plot(group.east_m, group.north_m, style, color=color, label=label)
     axis.set(xlabel="east (m)", ylabel="north (m)", title="Track")
     axis.set_aspect("equal", adjustable="datalim")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from heli.arguments import in_python, number, whole
 from heli.flight import Flight
 from heli_core.errors import FlightError, PartError
 from heli_core.faults import NONE, faults_of
@@ -160,6 +161,7 @@ def merged(*parts: Over) -> Over:
 # -------------------------------------------------------------------------------------------------
 
 
+@in_python
 def load(
     path: str | os.PathLike[str],
     scenario: str | None = None,
@@ -207,6 +209,7 @@ def load(
 # -------------------------------------------------------------------------------------------------
 
 
+@in_python
 def fly(
     scenario: str | None = None,
     *,
@@ -324,8 +327,8 @@ def ordered(
     files, over = split(params)
     return FlightOrder(
         mode=LOCKSTEP if graph else ONE_PROCESS,
-        duration_s=None if duration_s is None else float(duration_s),
-        seed=None if seed is None else int(seed),
+        duration_s=number("duration_s", duration_s),
+        seed=whole("seed", seed),
         params=files,
         out=None if out is None else Path(out),
         report=False,

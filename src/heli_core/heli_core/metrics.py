@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the paper measures a flight by: its errors and the largest ones it shows (section 4).
 
-Scores, report and live view take both from here. The paper's numbers are from flight.
+Scores, report and live view take both from here. The paper's numbers are from flight. A mission or
+an aircraft of one's own has bounds of its own (`bounded`), or none.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +23,49 @@ Array = NDArray[np.float64]
 _ROLL_PITCH = slice(SETPOINT.phi, SETPOINT.psi)
 
 
+GOAL, OWN, NONE = "goal", "score.bounds", "none"
+"""Where a bound is from that is not the paper's: our goal of a path, the user, nowhere."""
+
+
 @dataclass(frozen=True)
 class PaperMetric:
-    """One error, the largest magnitude of it that the paper shows, and where."""
+    """One error and its bound.
+
+    Attributes
+    ----------
+    key, label, unit : str
+    paper : float
+        The largest magnitude that is a success: the paper's, unless `source` says else; infinite
+        where nothing bounds it.
+    source : str
+        Figure of the paper, or `GOAL`, `OWN`, `NONE`.
+    """
 
     key: str
     label: str
     unit: str
     paper: float
     source: str
+
+    @property
+    def bounded(self) -> bool:
+        """Whether there is a bound."""
+        return math.isfinite(self.paper)
+
+    @property
+    def bound_text(self) -> str:
+        """The bound as a table says it: 0.4 m, or a dash."""
+        return f"{self.paper:g} {self.unit}" if self.bounded else "-"
+
+    @property
+    def bound_name(self) -> str:
+        """Whose bound it is, for a table's head: paper, goal, bound; a dash without one."""
+        names = {GOAL: "goal", OWN: "your bound", NONE: "-"}
+        return names.get(self.source, "paper")
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON, which has no infinity."""
+        return {**asdict(self), "paper": self.paper if self.bounded else None}
 
 
 PATH = "path"
@@ -52,8 +88,8 @@ METRICS: Mapping[str, tuple[PaperMetric, ...]] = {
         PaperMetric("pitch", "pitch error", "deg", *ATTITUDE_DEG["hinf"]),
     ),
     PATH: (
-        PaperMetric("position", "distance from the path's point", "m", 0.50, "goal"),
-        PaperMetric("heading", "heading error", "deg", 5.0, "goal"),
+        PaperMetric("position", "distance from the path's point", "m", 0.50, GOAL),
+        PaperMetric("heading", "heading error", "deg", 5.0, GOAL),
     ),
 }
 """Metrics per kind of flight; any attitude law is judged by the paper's best. The paper flies no
@@ -68,6 +104,40 @@ ABOUT_S = 0.5
 BY_KEY: Mapping[str, PaperMetric] = {
     metric.key: metric for row in METRICS.values() for metric in row
 }
+_UNIT_ENDINGS = {"m": "m", "m/s": "mps", "deg": "deg"}
+
+
+def bound_key(metric: PaperMetric) -> str:
+    """Name of a metric's bound among parameters, with its unit: altitude_m, or v_z_mps."""
+    return f"{metric.key}_{_UNIT_ENDINGS[metric.unit]}"
+
+
+def bounded(kind: str, own: Mapping[str, float], is_papers_test: bool) -> tuple[PaperMetric, ...]:
+    """The metrics of a kind of flight with what bounds them.
+
+    Parameters
+    ----------
+    kind : str
+        Key of `METRICS`.
+    own : mapping
+        Bounds of the user by `bound_key`; one below 0 is none.
+    is_papers_test : bool
+        Whether the paper flew this; its figures bound nothing else.
+
+    Returns
+    -------
+    tuple of PaperMetric
+    """
+    return tuple(_bounded(metric, own.get(bound_key(metric), -1.0), is_papers_test)
+                 for metric in METRICS[kind])  # fmt: skip
+
+
+def _bounded(metric: PaperMetric, own: float, is_papers_test: bool) -> PaperMetric:
+    if own >= 0.0:
+        return replace(metric, paper=own, source=OWN)
+    if is_papers_test or metric.source == GOAL:
+        return metric
+    return replace(metric, paper=math.inf, source=NONE)
 
 
 def heading_frame(vector_ned: Array, psi: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_core.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
-from heli_core.rows import ACTUATOR, NINE, PLANT, STATE_NAMES, WIND_NAMES
+from heli_core.rows import ACTUATOR, INPUT_NAMES, NINE, PLANT, STATE_NAMES, WIND_NAMES
 from heli_dynamics_sim.aircraft import (
     CLIMB_POWER_OFF,
     CLIMB_POWER_ON,
@@ -296,6 +296,13 @@ class LinearModel:
         from heli_core.linear import hover_system  # takes seconds to import
 
         return hover_system(self.A, self.B, self.E, "linearised")
+
+    def __repr__(self) -> str:
+        """As python-control prints the system, with the trim above it."""
+        names = (*STATE_NAMES, *INPUT_NAMES)
+        values = (*self.x_trim, *self.u_trim)
+        trim = ", ".join(f"{n} {v:.5g}" for n, v in zip(names, values, strict=True))
+        return f"x' = A x + B u + E w about trim: {trim}\n{self.system}"
 
 
 def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:

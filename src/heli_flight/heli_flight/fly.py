@@ -34,7 +34,7 @@ from heli_flight.graph.processes import (
 from heli_flight.parts import Parts
 from heli_flight.record import FlightRecord, write_record
 from heli_flight.replay import serve_after
-from heli_flight.result import Result, print_table, write_result
+from heli_flight.result import Result, print_table, sentence, write_result
 from heli_flight.scoring import score
 from heli_flight.settings import (
     LAW_NODES,
@@ -161,8 +161,8 @@ def report_of_flight(
     folder: Path,
     say: Callable[[str], None],
     figures: bool,
-) -> None:
-    """Write the report and say where it is; a disk that is full costs the report, not the flight.
+) -> Path | None:
+    """Write the report; a disk that is full costs the report, not the flight.
 
     Parameters
     ----------
@@ -174,7 +174,13 @@ def report_of_flight(
     say : callable
         Prints a line.
     figures : bool
-        Whether to write the page's charts as files, too; their progress goes to stderr.
+        Whether to write the page's charts as files, too: the page is told before them, and their
+        progress goes to stderr.
+
+    Returns
+    -------
+    Path or None
+        The page; None if it could not be written, which has been said.
     """
     from heli_flight.report.data import events_of
     from heli_flight.report.write import FIGURES, PAGE, write_report
@@ -182,14 +188,14 @@ def report_of_flight(
     mode = flight.extra["mode"]
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
     how += ", its nodes in one process" if flight.extra.get("composed") else ""
-    events, report_line = events_of(flight.remarks, settings), f"report: {folder / PAGE}"
+    events = events_of(flight.remarks, settings)
     try:
         with interrupts.interrupts_reported(), in_turn() as tell:
 
             def drawn(done: int, total: int) -> None:
                 # The page is there before the first of its figures.
                 if done == 0:
-                    say(report_line)
+                    say(f"report: {folder / PAGE}")
                 tell("figures", done, total)
 
             write_report(
@@ -198,13 +204,12 @@ def report_of_flight(
             )  # fmt: skip
     except OSError as error:
         say(f"no report: {error}")
-        return
+        return None
     except KeyboardInterrupt:
         (folder / PAGE).unlink(missing_ok=True)
         shutil.rmtree(folder / FIGURES, ignore_errors=True)
         raise
-    if not figures:
-        say(report_line)
+    return folder / PAGE
 
 
 # -------------------------------------------------------------------------------------------------
@@ -411,9 +416,10 @@ def _shown(
 ) -> FinishedFlight:
     """The outcome of a flight that is written, after table, report and how it ended."""
     print_table(flight.result, outcome.settings, out)
+    page = None
     if order.report:
-        report_of_flight(flight, outcome.settings, outcome.folder, _say(out), order.figures)
-    print_end(outcome, out)
+        page = report_of_flight(flight, outcome.settings, outcome.folder, _say(out), order.figures)
+    print_end(outcome, page, out)
     return outcome
 
 
@@ -534,20 +540,14 @@ def _in_flight(
             raise BrokenFlightError(str(error)) from error
 
 
-def print_end(outcome: FinishedFlight, out: Console) -> None:
-    """How fast it was, where it lies, and what was outside."""
+def print_end(outcome: FinishedFlight, page: Path | None, out: Console) -> None:
+    """How fast it was, where it lies; last the verdict, and where the report is."""
     result, say = outcome.result, _say(out)
     factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0
     say(f"{result.flown_s:.2f} s flown in {result.wall_s:.2f} s ({factor:.2f} times real time)")
     say(f"written: {outcome.folder}")
-    if outcome.exit_code and not result.lost:
-        judged = result.judged(outcome.settings.gps)
-        if judged:
-            names = ", ".join(f"{s.metric.label} ({s.source})" for s in judged)
-            say(f"outside the paper's figures: {names}")
-        missed = [figure.metric.label for figure in result.figures.ground if not figure.inside]
-        if missed:
-            say(f"outside the goals on the ground: {', '.join(missed)}")
+    report = f"; report: {page}" if page else ""
+    say(f"{sentence(result, outcome.settings)}{report}")
 
 
 def _say(out: Console) -> Callable[[str], None]:

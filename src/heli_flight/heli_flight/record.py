@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,6 +61,8 @@ class FlightRecord:
         `heli_outer_pd.failsafes.Action`; None where it never did anything.
     takeoff_height_m : (N,) ndarray, optional
         Height of the newest take-off that had one of its own, NaN before; None where none had.
+    commanded : (N,) ndarray of bool, optional
+        Where it followed what a pilot had commanded in flight, not the scenario; None: nowhere.
     """
 
     time_s: np.ndarray
@@ -87,9 +89,17 @@ class FlightRecord:
     mode: np.ndarray | None = None
     failsafe: np.ndarray | None = None
     takeoff_height_m: np.ndarray | None = None
+    commanded: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.time_s.size
+
+
+def record_until(record: FlightRecord, end_s: float) -> FlightRecord:
+    """The rows of a record before a flight time, s."""
+    rows = record.time_s < end_s
+    arrays: dict[str, Any] = {field.name: getattr(record, field.name) for field in fields(record)}
+    return FlightRecord(**{name: a if a is None else a[rows] for name, a in arrays.items()})
 
 
 # -------------------------------------------------------------------------------------------------

@@ -358,7 +358,7 @@ def _verdict(row: Mapping[str, Any], figures: str) -> str:
         return f"{where}: not scored."
     outside = row.get("outside")
     if row["inside"] or not isinstance(outside, list):
-        return f"{where}: inside {figures}."
+        return f"{where}: inside {figures}." if figures else f"{where}: measured, not judged."
     return f"{where}: outside in {', '.join(map(str, outside))}."
 
 
@@ -500,7 +500,7 @@ def replay_of(
     beside = {PAGE: report} if report.is_file() else {}
     page = PAGE if beside else ""
     telling = ReplayOutcome(
-        ended(result_json, figures_of(settings.scenario.kind)), notes, page, at_end
+        ended(result_json, figures_of(settings.scenario.metrics)), notes, page, at_end
     )
     events = [*of_result(result_json), *_ground(recording, settings)]
     values = _values(settings, is_known)

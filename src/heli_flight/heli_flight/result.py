@@ -3,7 +3,7 @@
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib import metadata
@@ -15,7 +15,7 @@ from rich.console import Console
 
 from heli_core.coverage import Coverage, words
 from heli_core.folders import write_whole
-from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, ClimbFigure
+from heli_core.metrics import CLIMB_METRICS, PATH, ClimbFigure, PaperMetric
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.wind import GUST, draw_gusts
 from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, identity
@@ -23,6 +23,7 @@ from heli_flight.scoring import (
     DECIDES,
     SOURCE_NAMES,
     STRETCHES,
+    TRUTH_LESS_DRIFT,
     Figures,
     Score,
     decides,
@@ -47,6 +48,7 @@ class Verdict(StrEnum):
     LOST = "lost"
     PARTIAL = "partial"
     NOT_SCORED = "not scored"
+    MEASURED = "measured, not judged"
     OUTSIDE = "outside"
     INSIDE = "inside"
 
@@ -114,14 +116,19 @@ class Result:
             return Verdict.PARTIAL
         if self.judged(gps) or any(not figure.inside for figure in self.figures.ground):
             return Verdict.OUTSIDE
-        return Verdict.INSIDE if self.figures.of(DECIDES) else Verdict.NOT_SCORED
+        scores = self.figures.of(DECIDES)
+        if not scores:
+            return Verdict.NOT_SCORED
+        is_bounded = self.figures.ground or figures_of(s.metric for s in scores)
+        return Verdict.INSIDE if is_bounded else Verdict.MEASURED
 
     def exit_code(self, gps: str) -> int:
-        """0: what is judged is inside the paper's figures; 1: not, or lost, forged, partial.
+        """0: what is judged is inside its bounds; 1: not, or lost, forged, partial.
 
-        Also 0 where nothing was to be judged: a flight that was ordered to end before the windows.
+        Also 0 where nothing was to be judged: a flight that was ordered to end before the windows,
+        or one that nothing bounds.
         """
-        passed = self.verdict(gps) in (Verdict.INSIDE, Verdict.NOT_SCORED)
+        passed = self.verdict(gps) in (Verdict.INSIDE, Verdict.NOT_SCORED, Verdict.MEASURED)
         return EXIT_INSIDE if passed else EXIT_OUTSIDE
 
 
@@ -179,20 +186,74 @@ def random_gusts(settings: Settings) -> list[dict[str, Any]]:
     ]
 
 
-def phases(settings: Settings, stretch: str = DECIDES) -> str:
-    """When a stretch is, in words: 0 to 60 s, or 5 to 18 s and 25 to 60 s."""
-    return words(spans(settings.scenario, stretch)) or "nothing: too short a flight"
+def phases(settings: Settings, stretch: str = DECIDES, until_s: float | None = None) -> str:
+    """When a stretch is, in words: 0 to 60 s, or 5 to 18 s and 25 to 60 s.
+
+    `until_s` as of `Figures`: what comes later is not scored.
+    """
+    scenario = settings.scenario
+    if until_s is not None:
+        scenario = scenario.cut_to(scenario.begin_s, until_s)
+    return words(spans(scenario, stretch)) or "nothing: too short a flight"
 
 
-def judged_by(settings: Settings) -> str:
-    """What is held against the paper's figures and decides the exit code, in words."""
+def judged_by(settings: Settings, until_s: float | None = None) -> str:
+    """What is held against bounds and decides the exit code, in words."""
     who = " and ".join(SOURCE_NAMES[s] for s in SOURCE_NAMES if decides(s, settings.gps))
-    return f"{who}, {phases(settings)}"
+    return f"{who}, {phases(settings, until_s=until_s)}"
+
+
+def sentence(result: Result, settings: Settings) -> str:
+    """What the flight is found to be, one sentence: the first of the page, the last of a command.
+
+    Where the navigation record, which decides, is inside and ground truth, less the receiver's
+    drift at engagement, is not, it says both.
+    """
+    gps = settings.gps
+    found = result.verdict(gps)
+    when = f"from {phases(settings, until_s=result.figures.until_s)}"
+    if found is Verdict.FORGED:
+        return f"Forged: {result.forged}"
+    if found is Verdict.LOST:
+        return f"Lost after {result.flown_s:.2f} s: {result.lost}"
+    if found is Verdict.PARTIAL:
+        return f"Partial: {result.partial(gps)}"
+    if found is Verdict.NOT_SCORED:
+        return "Not scored: nothing was flown of what is scored"
+    if found is Verdict.MEASURED:
+        return f"Measured {when}, not judged: nothing bounds it; score.bounds of the scenario does"
+    bounds = figures_of(settings.scenario.metrics) or "the goals"
+    missed = [figure.metric.label for figure in result.figures.ground if not figure.inside]
+    if found is Verdict.OUTSIDE:
+        outside = [f"{s.metric.label} ({_of_bound(s)})" for s in _largest_of_each(result, gps)]
+        words = [f"{bounds} {when} in {', '.join(outside)}"] if outside else []
+        words += [f"the goals on the ground in {', '.join(missed)}"] if missed else []
+        return f"Outside {' and '.join(words)}"
+    beyond = [
+        f"{s.metric.label} ({_of_bound(s)})"
+        for s in result.outside()
+        if s.source == TRUTH_LESS_DRIFT
+    ]
+    also = f"; ground truth less the receiver's drift is not in {', '.join(beyond)}"
+    return f"Inside {bounds} {when}{also if beyond and gps == 'standalone' else ''}"
+
+
+def _largest_of_each(result: Result, gps: str) -> list[Score]:
+    """Of each metric that is outside the largest score."""
+    largest: dict[str, Score] = {}
+    for s in result.judged(gps):
+        if s.metric.key not in largest or s.max > largest[s.metric.key].max:
+            largest[s.metric.key] = s
+    return list(largest.values())
+
+
+def _of_bound(s: Score) -> str:
+    return f"{s.max:.2f} of {s.metric.bound_text}"
 
 
 def verdict(result: Result, settings: Settings, stretch: str) -> str:
     """One sentence: inside its figures over a stretch, what is outside of them, what is missing."""
-    when = f"{STRETCHES[stretch]}, {phases(settings, stretch)}"
+    when = f"{STRETCHES[stretch]}, {phases(settings, stretch, result.figures.until_s)}"
     lacking = result.coverage(settings.gps, stretch)
     if not result.figures.of(stretch) and lacking.is_whole:
         return f"{when}: not scored"
@@ -205,10 +266,11 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
     names = "; ".join(f"{', '.join(labels)} ({sources})" for sources, labels in metrics.items())
     reasons = [f"outside in {names}"] if names else []
     reasons += [] if lacking.is_whole else [f"partial: {lacking.sentence}"]
-    return f"{when}: " + ("; ".join(reasons) or f"inside {figures_of(settings.scenario.kind)}")
+    bounds = figures_of(s.metric for s in result.figures.of(stretch))
+    good = f"inside {bounds}" if bounds else "measured; nothing bounds it"
+    return f"{when}: " + ("; ".join(reasons) or good)
 
 
-_LEGEND = ("! outside the paper's figure. ", "! outside the goal. ")
 _TITLES = {"hover": "Hover test", "attitude": "Attitude test", PATH: "Path"}
 _COUNTS = {
     "standalone": (
@@ -221,7 +283,8 @@ _COUNTS = {
 
 
 def print_table(result: Result, settings: Settings, console: Console) -> None:
-    """Metric, this flight from its records, the paper: the whole flight first, then the windows."""
+    """Metric, this flight from its records, the bound: the whole flight first, then the windows."""
+    until_s = result.figures.until_s
     if any(result.figures.of(stretch) for stretch in STRETCHES):
         for stretch in STRETCHES:
             if result.figures.of(stretch):
@@ -231,10 +294,12 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
             console.print(_climb_table(result, settings, console))
         if result.figures.ground:
             console.print(_ground_table(result, console))
-        console.print(f"judged: {judged_by(settings)}", highlight=False)
+        console.print(f"judged: {judged_by(settings, until_s)}", highlight=False)
         if any(result.outside(stretch) for stretch in STRETCHES):
-            legend = _LEGEND[settings.scenario.kind == PATH]
-            console.print(legend + _COUNTS[settings.gps], highlight=False)
+            console.print(f"! outside. {_COUNTS[settings.gps]}", highlight=False)
+        if until_s is not None:
+            words = f"from {until_s:.2f} s on it flew where it was told to: that is not scored"
+            console.print(words, highlight=False)
     else:
         console.print("not scored: nothing was flown")
     console.print(conditions(settings), highlight=False)
@@ -263,24 +328,28 @@ def _stretch_table(
     title += f" of {result.aircraft}" if result.aircraft else ""
     rows = table(f"{title}, {STRETCHES[stretch]}: largest magnitude (rms)", console)
     rows.add_column("metric")
-    for name in (
-        *(SOURCE_NAMES[source] for source in sources),
-        "goal" if kind == PATH else "paper",
-    ):
+    metrics = settings.scenario.metrics
+    for name in (*(SOURCE_NAMES[source] for source in sources), bound_head(metrics)):
         rows.add_column(name, justify="right")
     rows.add_column("verdict")
     judged = result.judged(settings.gps, stretch)
     good = "inside" if result.coverage(settings.gps, stretch).is_whole else Verdict.PARTIAL.value
-    for metric in METRICS[kind]:
+    for metric in metrics:
         scores = [result.figures.find(stretch, metric.key, source) for source in sources]
-        bad = any(s.metric is metric for s in judged)
+        bad = any(s.metric.key == metric.key for s in judged)
         rows.add_row(
             metric.label,
             *("-" if s is None else _cell(s) for s in scores),
-            f"{metric.paper:g} {metric.unit}",
-            "OUTSIDE" if bad else good,
+            metric.bound_text,
+            ("OUTSIDE" if bad else good) if metric.bounded else "-",
         )
     return rows
+
+
+def bound_head(metrics: Iterable[PaperMetric]) -> str:
+    """Head of the column of bounds: whose they are."""
+    names = dict.fromkeys(metric.bound_name for metric in metrics)
+    return next(iter(names)) if len(names) == 1 else "bound"
 
 
 def _cell(s: Score) -> str:
@@ -339,7 +408,7 @@ def _verdict_row(result: Result, settings: Settings, stretch: str) -> dict[str, 
     coverage = result.coverage(settings.gps, stretch)
     return {
         "stretch": STRETCHES[stretch],
-        "when": phases(settings, stretch),
+        "when": phases(settings, stretch, result.figures.until_s),
         "inside": not outside if result.figures.of(stretch) and coverage.is_whole else None,
         "outside": outside,
         "decides": stretch == DECIDES,
@@ -364,7 +433,9 @@ def write_result(
         "forged": result.forged,
         "partial": result.partial(settings.gps),
         "unheard": result.unheard,
-        "judged": judged_by(settings),
+        "judged": judged_by(settings, result.figures.until_s),
+        "sentence": sentence(result, settings),
+        "until_s": result.figures.until_s,
         "outside": [s.name for s in result.judged(settings.gps)],
         "verdicts": {stretch: _verdict_row(result, settings, stretch) for stretch in STRETCHES},
         "flown_s": result.flown_s,

@@ -22,7 +22,7 @@ from heli_analysis.handling.definitions import (
     manoeuvre,
 )
 from heli_core.errors import PathError
-from heli_core.metrics import in_windows
+from heli_core.metrics import BY_KEY, METRICS, PaperMetric, bound_key, bounded, in_windows
 from heli_core.parameters import Parameter
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_angles, quat_to_R_nb
@@ -450,6 +450,11 @@ def _longest(mask: NDArray[np.bool_]) -> tuple[int, int] | None:
 # -------------------------------------------------------------------------------------------------
 
 NODE_NAME = "scenario"
+BOUNDS = "score.bounds."
+PAPERS_TESTS = ("hover", "attitude")
+"""Packaged scenarios that the paper flew: its figures bound these alone."""
+MISSION = ("kind", "path.kind", "climb.start_s", "climb.end_s", "climb.speed_mps")
+"""What makes one of them another mission, where it is changed."""
 
 TABLE: tuple[Parameter, ...] = (
     Parameter("kind", "string", "Which metrics are scored", choices=("hover", "attitude", "path")),
@@ -472,6 +477,18 @@ TABLE: tuple[Parameter, ...] = (
         "s",
         shape=(None, 2),
     ),
+    *(
+        Parameter(
+            f"{BOUNDS}{bound_key(metric)}",
+            "double",
+            f"Largest {metric.label} that is a success; negative: the paper's figure in the "
+            "paper's test, the goal of a path, else none",
+            metric.unit,
+            lower=-1.0,
+            upper=1e6,
+        )
+        for metric in BY_KEY.values()
+    ),
 )
 
 
@@ -493,6 +510,8 @@ class Scenario:
         What a flight that begins on the ground is judged by.
     begin_s : float
         Flight time at which it begins; 0 of every flight whose order is known.
+    metrics : tuple of PaperMetric
+        What is scored, with what bounds it; empty stands for the kind's own.
     """
 
     kind: str
@@ -501,9 +520,14 @@ class Scenario:
     windows_s: np.ndarray
     gear: Gear | None = None
     begin_s: float = 0.0
+    metrics: tuple[PaperMetric, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.metrics:
+            object.__setattr__(self, "metrics", METRICS[self.kind])
 
     @classmethod
-    def from_parameters(cls, p: Mapping[str, Any]) -> "Scenario":
+    def from_parameters(cls, p: Mapping[str, Any], is_papers_test: bool = True) -> "Scenario":
         """From checked parameters (`TABLE`); ParameterError if the path cannot be flown."""
         n_ticks = ticks_in(p["duration_s"])
         windows = np.array(p["score.windows_s"], float).reshape(-1, 2)
@@ -520,7 +544,9 @@ class Scenario:
             )
         else:
             reference = Trajectory.hover(start, heading)
-        return cls(p["kind"], n_ticks, reference, windows)
+        own = {key.removeprefix(BOUNDS): p[key] for key in p if key.startswith(BOUNDS)}
+        metrics = bounded(p["kind"], own, is_papers_test)
+        return cls(p["kind"], n_ticks, reference, windows, metrics=metrics)
 
     def scored(self, time_s: np.ndarray) -> np.ndarray:
         """Mask (N,) of the samples at time_s (N,) in a scored stretch, its end excluded."""

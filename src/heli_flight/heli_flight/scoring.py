@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of a flight beside the paper's figures (section 4); of a path, beside goals of ours.
+"""Scores of a flight beside the paper's figures (section 4); of a path, beside goals of ours; of a
+mission or an aircraft of the user's, beside the user's own bounds (`score.bounds`), if any.
 
 Each metric is given over two stretches of the flight: **whole**, from engagement to the end, the
 climb included, against the reference as commanded; and **windows**, the scenario's
@@ -10,15 +11,17 @@ are from flight; ours are from simulation. A stretch is judged only where its re
 much of it that is stands beside the figures (`heli_core.coverage`).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from heli_core import metrics
 from heli_core.coverage import Coverage, Span, coverage_of, least
 from heli_core.metrics import (
+    GOAL,
     METRICS,
+    OWN,
     PATH,
     POSITIONS,
     SETTLED_S,
@@ -30,8 +33,8 @@ from heli_core.metrics import (
     path_errors,
     size,
 )
-from heli_core.ticks import OF_100_HZ, Rate, seconds
-from heli_flight.record import FlightRecord
+from heli_core.ticks import OF_100_HZ, TICKS_PER_S, Rate, seconds
+from heli_flight.record import FlightRecord, record_until
 from heli_flight.scenario import GroundFigure, Scenario, ground_figures
 
 __all__ = [
@@ -86,7 +89,7 @@ class Score:
 
     @property
     def inside(self) -> bool:
-        """True if the largest magnitude is inside the paper's figure, or the goal."""
+        """True if the largest magnitude is inside its bound, or there is none."""
         return bool(self.max <= self.metric.paper)
 
     @property
@@ -97,12 +100,12 @@ class Score:
     def as_dict(self) -> dict[str, object]:
         """For result.json."""
         return {
-            **asdict(self.metric),
+            **self.metric.as_dict(),
             "stretch": self.stretch,
             "measured_from": self.source,
             "max": self.max,
             "rms": self.rms,
-            "inside": self.inside,
+            "inside": self.inside if self.metric.bounded else None,
         }
 
 
@@ -122,6 +125,8 @@ class Figures:
         Empty for a flight that begins in the air.
     coverage : mapping of (str, str) to Coverage
         What of a stretch is in a record, by both, of `SOURCES`; empty: nobody has looked.
+    until_s : float, optional
+        Flight time from which on it flew where it was told to (`told_elsewhere`): not scored.
     """
 
     whole: Sequence[Score] = ()
@@ -129,6 +134,7 @@ class Figures:
     climb: Sequence[ClimbFigure] = ()
     ground: Sequence[GroundFigure] = ()
     coverage: Mapping[tuple[str, str], Coverage] = field(default_factory=dict)
+    until_s: float | None = None
 
     @property
     def all(self) -> list[Score]:
@@ -160,9 +166,14 @@ class Figures:
         return next(matches, None)
 
 
-def figures_of(kind: str) -> str:
-    """Whose figures a kind of flight is held against, in words."""
-    return "the goals" if kind == PATH else "the paper's figures"
+def figures_of(metrics: Iterable[PaperMetric]) -> str:
+    """Whose bounds some metrics have, in words; empty where nothing bounds them."""
+    sources = {metric.source for metric in metrics if metric.bounded}
+    if not sources:
+        return ""
+    if OWN in sources:
+        return "your bounds"
+    return "the goals" if sources == {GOAL} else "the paper's figures"
 
 
 def decides(source: str, gps: str) -> bool:
@@ -257,7 +268,7 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
     record : FlightRecord
         A record of two that it does not hold is NaN; of it there are no scores.
     scenario : Scenario
-        Gives the metrics and the windows.
+        Gives the metrics with their bounds, and the windows.
     rate : Rate
         At which it was flown.
 
@@ -265,6 +276,10 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
     -------
     Figures
     """
+    until_s = told_elsewhere(record, scenario)
+    if until_s is not None:
+        scenario = scenario.cut_to(scenario.begin_s, until_s)
+        record = record_until(record, until_s)
     error_signals = {source: errors(record, source, scenario.kind) for source in SOURCE_NAMES}
     known = {
         source: np.all([np.isfinite(error) for error in signals.values()], axis=0)
@@ -284,7 +299,7 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
             rows = mask if held.is_whole else mask & finite
             scores[stretch] += [
                 Score(metric, source, *size(error_signals[source][metric.key][rows]), stretch)
-                for metric in METRICS[scenario.kind]
+                for metric in scenario.metrics
                 if metric.key in error_signals[source] and rows.any()
             ]
     climb = [
@@ -293,7 +308,24 @@ def score(record: FlightRecord, scenario: Scenario, rate: Rate = OF_100_HZ) -> F
         for figure in climb_figures(record.time_s, height_m, record.reference, source)
     ]
     ground = [] if scenario.gear is None else ground_figures(record, scenario.gear)
-    return Figures(scores[WHOLE], scores[WINDOWS], climb, ground, coverage)
+    return Figures(scores[WHOLE], scores[WINDOWS], climb, ground, coverage, until_s)
+
+
+def told_elsewhere(record: FlightRecord, scenario: Scenario) -> float | None:
+    """Flight time, s, from which on a test's aircraft flew as a pilot had told it to.
+
+    What it then flies is another mission than the scenario's, whose bounds say nothing of it. None
+    if nobody told it anything; of a path, whose commands are a part of it; and where a failsafe
+    led away.
+    """
+    if scenario.kind == PATH or record.commanded is None or not record.commanded.any():
+        return None
+    first = int(record.commanded.argmax())
+    if record.failsafe is not None:
+        about = record.failsafe[max(0, first - TICKS_PER_S) : first + TICKS_PER_S]
+        if (about != "NONE").any():
+            return None
+    return float(record.time_s[first])
 
 
 def _heights_m(record: FlightRecord) -> dict[str, np.ndarray]:

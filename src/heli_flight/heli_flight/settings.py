@@ -56,6 +56,7 @@ from heli_core.rows import ACTUATOR, SETPOINT
 from heli_core.sensors import AIDS
 from heli_core.signals import NOTHING
 from heli_core.ticks import TICKS_PER_S, Rate
+from heli_dynamics_sim.aircraft import AircraftError, find_aircraft
 from heli_dynamics_sim.config import PlantConfig
 from heli_flight import scenario as scenario_table
 from heli_flight.scenario import NODE_NAME as SCENARIO
@@ -287,6 +288,8 @@ def draws(world: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Draw]
 GPS_PRESETS = ("standalone", "rtk")
 PACKAGE = "heli_flight"
 PLANT = "plant"
+PAPERS_AIRCRAFT = "helion.yaml"
+"""The aircraft that the packages fly and the paper's figures are held against."""
 
 
 @dataclass(frozen=True)
@@ -1209,7 +1212,7 @@ def resolve(
     not_flown = _not_flown(by_hand, values, stronger, overrides or {})
     return Settings(
         {node.name: values[node.name] for node in NODES},
-        _scenario(values),
+        _scenario(values, _is_papers_test(read, name, values)),
         values[scenario_table.NODE_NAME],
         name,
         receiver,
@@ -1286,7 +1289,8 @@ def _unread(
     node = next(node for node in NODES if node.name == inner_table.NODE_NAME)
     names = [entry.key for file in files for entry in applicable(file, node.name)]
     stated_names = dict.fromkeys((*names, *overrides.get(node.name, {})))
-    ones = inner_table.unread(inner["controller"], stated_names)
+    own = inner[PARAMETER]
+    ones = inner_table.unread(short_name(own) if own else inner["controller"], stated_names)
     if not ones:
         return []
     defaults = config_folder(node.package) / f"{node.name}.yaml"
@@ -1365,9 +1369,30 @@ def _initial_state(scenario: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _scenario(values: Mapping[str, Mapping[str, Any]]) -> scenario_table.Scenario:
+def _is_papers_test(read: Reader, name: str, values: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether the paper flew this: its scenario, unchanged but for air and length, its aircraft."""
+    if name not in scenario_table.PAPERS_TESTS:
+        return False
+    defaults = [config_folder(PACKAGE) / "scenario.yaml", scenario_file(name)]
+    packaged = load(scenario_table.TABLE, list(map(read, defaults)), SCENARIO)
+    flown = values[SCENARIO]
+    if any(flown[key] != packaged[key] for key in scenario_table.MISSION):
+        return False
+    try:
+        if script_of(values["outer_loop"]):
+            return False
+        return find_aircraft(values[PLANT]["aircraft_file"]) == find_aircraft(PAPERS_AIRCRAFT)
+    except (AircraftError, ParameterError):
+        return False  # what reads it says why
+
+
+def _scenario(
+    values: Mapping[str, Mapping[str, Any]], is_papers_test: bool
+) -> scenario_table.Scenario:
     """The scenario; of one that begins on the ground with what it is judged by."""
-    scenario = scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME])
+    scenario = scenario_table.Scenario.from_parameters(
+        values[scenario_table.NODE_NAME], is_papers_test
+    )
     try:
         script_of(values["outer_loop"])
     except ParameterError as error:

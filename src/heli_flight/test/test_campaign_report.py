@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from heli_core.metrics import METRICS
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli import app as cli
 from heli_flight.loop import simulate
@@ -109,7 +110,7 @@ def flown(tmp_path_factory):
 
 
 def test_the_worst_come_first(flown):
-    every = cases(flown.table(), "rtk")
+    every = cases(flown.table(), {"kind": "hover", "gps": "rtk"})
     assert len(every) == FLIGHTS and sum(case.failed for case in every) == 4
     first = worst_flights(every, 4)
     assert [case.number for case in first] == [4, 9, 7, 2]
@@ -118,7 +119,10 @@ def test_the_worst_come_first(flown):
     others = [case.share for case in worst_flights(every, FLIGHTS)[4:]]
     assert others == sorted(others, reverse=True) and others[0] < 1.0
     # With a standalone receiver ground truth is not judged.
-    assert [case.number for case in worst_flights(cases(flown.table(), "standalone"), 3)] == [
+    assert [
+        case.number
+        for case in worst_flights(cases(flown.table(), {"kind": "hover", "gps": "standalone"}), 3)
+    ] == [
         4,
         9,
         2,
@@ -159,7 +163,7 @@ def test_a_worst_case_flies_the_same_again(flown):
 
 def test_curves_hold_every_flight(flown):
     table = flown.table()
-    chart = next(c for c in distribution_charts(table, "hover") if c.key == "dist_v_x")
+    chart = next(c for c in distribution_charts(table, METRICS["hover"]) if c.key == "dist_v_x")
     histogram, cumulative = chart.panels
     values = np.array([v for v in table["max.v_x (truth)"].to_pylist() if v is not None])
     truth = next(t for t in histogram.traces if t.label == "ground truth")
@@ -169,7 +173,7 @@ def test_curves_hold_every_flight(flown):
     for value in values:
         at = curve.y[np.flatnonzero(curve.x <= value)[-1]]
         assert at == pytest.approx((values <= value).sum() / FLIGHTS)
-    (margin,) = margin_chart(cases(table, "rtk"), "hover").panels
+    (margin,) = margin_chart(cases(table, {"kind": "hover", "gps": "rtk"}), "bounds").panels
     inside = margin.traces[0]
     assert inside.y[np.flatnonzero(inside.x <= 1.0)[-1]] == pytest.approx((FLIGHTS - 4) / FLIGHTS)
 

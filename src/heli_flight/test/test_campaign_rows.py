@@ -311,7 +311,7 @@ def test_a_summary_names_the_lost_first_and_how_sure_it_is(spec, file, tmp_path)
     lost = {k: v for k, v in other.items() if not k.startswith("max")}
     lost |= {"cause": "lost", "sentence": "It fell.", "exit_code": 1}
     store.put([{**good, "exit_code": 1}, lost])
-    summary = summary_of(store.table(), "rtk")
+    summary = summary_of(store.table(), {"kind": "hover", "gps": "rtk"})
     assert summary.causes == {"flown": 1, "lost": 1} and summary.worst == [1, 0]
     assert summary.interval[0] == pytest.approx(0.1581, abs=1e-3), "2 of 2: 0.025 ** (1/2)"
     worst = summary.quantiles["altitude (truth)"]

@@ -98,10 +98,13 @@ def test_what_was_missed_on_the_ground_is_named_at_the_end(capsys, tmp_path):
     slid = record()
     slid = replace(slid, truth_pos_ned_m=slid.truth_pos_ned_m * [1.0, 3.0, 1.0])
     result = Result(Figures(ground=ground_figures(slid, gear())), "", 20.0, 1.0)
-    print_end(FinishedFlight(resolve("takeoff_land"), result, tmp_path), Console(width=200))
-    (outside,) = capsys.readouterr().out.splitlines()[2:]
+    page = tmp_path / "report.html"
+    print_end(FinishedFlight(resolve("takeoff_land"), result, tmp_path), page, Console(width=200))
+    (last,) = capsys.readouterr().out.splitlines()[2:]
     skid = next(metric for metric in GROUND_METRICS if metric.key == "landing_skid")
-    assert outside.endswith(f": {skid.label}")
+    outside, report = last.split("; ")
+    assert outside.startswith("Outside ") and outside.endswith(f" {skid.label}")
+    assert "paper" not in outside and report == f"report: {page}"
 
 
 def test_a_flight_that_ends_in_the_air_has_not_landed():

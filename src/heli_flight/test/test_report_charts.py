@@ -29,15 +29,18 @@ from heli_flight.report.data import (
     thinned,
 )
 from heli_flight.report.figures import draw
+from heli_flight.report.first_screen import charts_of as first_charts
+from heli_flight.report.first_screen import numbers_of
 from heli_flight.report.page import render
 from heli_flight.report.plotly import figure, with_indices
 from heli_flight.report.tables import result_tables
 from heli_flight.report.write import write_report
-from heli_flight.result import Result, phases
+from heli_flight.result import Result, Verdict, phases, sentence
 from heli_flight.scoring import (
     SETTLED_S,
     SOURCE_NAMES,
     STRETCHES,
+    TRUTH_LESS_DRIFT,
     WHOLE,
     WINDOWS,
     Figures,
@@ -193,8 +196,8 @@ def test_what_is_drawn_is_what_was_scored(hover):
     assert top == pytest.approx(hover.score("v_y", "navigation").max, rel=1e-12)
 
 
-def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(hover):
-    whole, windows, climb = result_tables(hover)
+def test_the_tables_give_what_decides_first_then_the_whole_flight_then_the_climb(hover):
+    windows, whole, climb = result_tables(hover)
     for table, stretch, ends_s in (
         (whole, WHOLE, ["0", "30"]), (windows, WINDOWS, ["5", "17.5", "25", "30"]),
     ):  # fmt: skip
@@ -214,17 +217,47 @@ def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(
     assert climb.rows[2][:2] == [lag.metric.label, f"{lag.value:.2f} s"]
 
 
-def test_the_page_says_both_verdicts_and_which_of_them_decides(hover):
-    text = render(hover, [], None)
-    verdicts = [
-        " ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)
-    ]
-    assert len(verdicts) == 2
-    outside = {score.metric.label for score in hover.result.judged(hover.settings.gps, WHOLE)}
-    assert outside and all(label in verdicts[0] for label in outside)
-    assert 'verdict bad"' in verdicts[0]
-    assert 'verdict good"' in verdicts[1]
-    assert ["exit code" in words for words in verdicts] == [False, True]
+def verdicts_of(text):
+    return [" ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)]
+
+
+def test_the_page_opens_with_one_verdict_and_four_numbers(hover):
+    """The sentence is the one that decides the exit code, whatever the whole flight was."""
+    assert hover.result.judged(hover.settings.gps, WHOLE)
+    text = render(hover, first_charts(hover), None)
+    (verdict,) = verdicts_of(text)
+    assert 'verdict good"' in verdict
+    assert html.escape(sentence(hover.result, hover.settings), quote=False) in html.unescape(
+        verdict
+    )
+    numbers = numbers_of(hover)
+    assert [number.label for number in numbers[2:]] == ["Tilt", "Wind"] and len(numbers) == 4
+    height = hover.score("altitude", TRUTH_LESS_DRIFT)
+    assert numbers[0].value == f"{height.max:.2f} m"
+    head = text.partition("<main>")[0]
+    assert all(number.value in head for number in numbers)
+    assert [f'id="chart-{c.key}"' in head for c in first_charts(hover)] == [True, True]
+    # Conditions are said once; every section folds out.
+    assert text.count(html.escape(hover.conditions, quote=False)) <= 1
+    assert "<section" in text and text.count("<section") == text.count('class="section"')
+
+
+def test_what_nothing_bounds_is_measured_and_has_no_bound_drawn(hover):
+    settings = resolve(duration_s=30.0, overrides={"scenario": {"climb.speed_mps": 1.0}})
+    figures = score(hover.record, settings.scenario)
+    mine = replace(hover, settings=settings, result=Result(figures, "", 30.0, 1.0))
+    assert mine.result.verdict("standalone") is Verdict.MEASURED
+    assert mine.result.exit_code("standalone") == 0
+    for chart in (*paper_charts(mine), *first_charts(mine)):
+        traces = [trace for panel in chart.panels for trace in panel.traces]
+        assert not [trace for trace in traces if trace.role == "bound"] and not chart.paper
+    (verdict,) = verdicts_of(render(mine, [], None))
+    assert 'class="verdict "' in verdict
+    bounds = {"scenario": {"climb.speed_mps": 1.0, "score.bounds.altitude_m": 0.01}}
+    settings = resolve(duration_s=30.0, overrides=bounds)
+    bounded = Result(score(hover.record, settings.scenario), "", 30.0, 1.0)
+    assert bounded.verdict("standalone") is Verdict.OUTSIDE
+    assert {s.metric.key for s in bounded.judged("standalone")} == {"altitude"}
 
 
 def test_the_position_chart_says_which_sigma_it_shows(hover):

@@ -2,12 +2,13 @@
 """Scores of made-up flights whose errors are known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from heli_core.command_line import config_folder
-from heli_core.metrics import heading_frame
+from heli_core.metrics import GOAL, NONE, OWN, bounded, heading_frame
 from heli_core.parameters import load
 from heli_core.rotations import quat_from_euler
 from heli_flight.record import FlightRecord
@@ -23,6 +24,7 @@ from heli_flight.scoring import (
     score,
     sources_of,
 )
+from heli_flight.settings import PAPERS_AIRCRAFT, resolve
 from support.record_bag import rows_of
 
 
@@ -259,3 +261,54 @@ def test_a_window_that_begins_before_the_end_moves_with_it(duration_s, begin_s):
     values = dict(load(TABLE, layers, "scenario")) | {"duration_s": duration_s}
     windows_s = Scenario.from_parameters(values).windows_s
     np.testing.assert_allclose(windows_s, [[begin_s, duration_s]])
+
+
+def test_what_a_pilot_commands_in_a_test_is_not_scored():
+    """Up to then the flight is judged; a failsafe that leads away is not a pilot."""
+    away = np.zeros((6000, 3))
+    away[2800:, 0] = 5.0
+    commanded = np.arange(6000) >= 2800
+    mine = Result(score(record(nav_pos_ned_m=away, commanded=commanded), scenario()), "", 60.0, 1.0)
+    assert mine.figures.until_s == 28.0
+    assert mine.verdict("standalone") is Verdict.INSIDE
+    assert mine.coverage("standalone").spans_s == ((5.0, 17.5), (25.0, 28.0))
+    fell = np.full(6000, "NONE", "U14")
+    fell[2790:] = "LAND"
+    lost = score(record(nav_pos_ned_m=away, commanded=commanded, failsafe=fell), scenario())
+    assert lost.until_s is None
+    assert Result(lost, "", 60.0, 1.0).verdict("standalone") is Verdict.OUTSIDE
+    early = score(record(nav_pos_ned_m=away, commanded=np.ones(6000, bool)), scenario())
+    assert Result(early, "", 60.0, 1.0).verdict("standalone") is Verdict.NOT_SCORED
+
+
+@pytest.mark.parametrize(
+    ("options", "sources"),
+    [
+        ({}, {"Fig. 5", "Fig. 6", "Fig. 7", "Fig. 8", "Fig. 9"}),
+        ({"scenario_name": "attitude"}, {"Fig. 4"}),
+        ({"scenario_name": "attitude_gusts"}, {NONE}),
+        ({"scenario_name": "waypoints"}, {GOAL}),
+        ({"overrides": {"plant": {"aircraft_file": "xcell60.yaml"}}}, {NONE}),
+        ({"overrides": {"scenario": {"climb.end_s": 20.0}}}, {NONE}),
+        ({"overrides": {"scenario": {"duration_s": 30.0}}, "world": "hard"},
+         {"Fig. 5", "Fig. 6", "Fig. 7", "Fig. 8", "Fig. 9"}),
+        ({"scenario_name": "waypoints", "overrides": {"scenario": {
+            "score.bounds.position_m": 2.0, "score.bounds.heading_deg": 9.0}}}, {OWN}),
+    ],
+)  # fmt: skip
+def test_the_papers_figures_bound_its_own_tests_alone(options, sources):
+    metrics = resolve(**options).scenario.metrics
+    assert {metric.source for metric in metrics} == sources
+    assert all(metric.bounded == (metric.source != NONE) for metric in metrics)
+
+
+def test_the_papers_aircraft_is_the_packaged_one():
+    assert resolve().nodes["plant"]["aircraft_file"] == PAPERS_AIRCRAFT
+
+
+def test_without_a_bound_json_has_none():
+    metrics = bounded("hover", {"altitude_m": 0.5}, False)
+    flight = score(record(), replace(scenario(), metrics=metrics))
+    rows = {row["key"]: row for row in (s.as_dict() for s in flight.windows)}
+    assert (rows["altitude"]["paper"], rows["altitude"]["inside"]) == (0.5, True)
+    assert (rows["v_x"]["paper"], rows["v_x"]["inside"]) == (None, None)

@@ -67,7 +67,8 @@ def unread(controller: str, parameters: Iterable[str]) -> list[Unread]:
     Parameters
     ----------
     controller : str
-        One of `CONTROLLERS`.
+        One of `CONTROLLERS`, or the name of a law in Python, which reads none of what belongs to
+        them.
     parameters : iterable of str
         Names.
 

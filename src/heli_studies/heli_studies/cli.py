@@ -431,7 +431,7 @@ def _fly_missing(
     """Fly what a folder lacks, and tell what it holds then."""
     from heli_flight.fly import tell_if_it_compiles
     from heli_flight.terminal import console, json_text, long_steps
-    from heli_studies.campaign.run import campaign_as_dict, print_summary, summary_of
+    from heli_studies.campaign.run import campaign_as_dict, flown_of, print_summary, summary_of
     from heli_studies.campaign.spec import EXIT_CODE, write_rerun_files
     from heli_studies.campaign.workers import flier, tasks
 
@@ -454,7 +454,7 @@ def _fly_missing(
                 failed += sum(bool(row[EXIT_CODE]) for row in rows)
                 progress(flown, f"{failed} of {flown - len(done)} outside")
     wall_s = time.monotonic() - begun
-    summary = summary_of(store.table(), spec.base.gps)
+    summary = summary_of(store.table(), flown_of(spec))
     again = write_rerun_files(spec, summary.worst, out / "worst")
     content = campaign_as_dict(spec, summary)
     if not as_json:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, replay, campaign, design, identify, compare, report, score, diff, bag,
-echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python.
+"""The command `heli`: hover, replay, campaign, design, identify, compare, report, score, diff,
+list, bag, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -40,6 +40,7 @@ from heli_flight.cli.flights import (
     joy,
     replay,
 )
+from heli_flight.cli.listing import LIST_EPILOG, list_packaged
 from heli_flight.cli.pilot import pilot
 
 # -------------------------------------------------------------------------------------------------
@@ -102,9 +103,29 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     epilog="heli COMMAND --help shows a command's options and an example.\n\n"
-    "exit code: 0 done, 1 a flight outside the paper's figures, lost, or recorded in part, 2 bad "
+    "exit code: 0 done, 1 a flight outside its bounds, lost, or recorded in part, 2 bad "
     "input (one line), 130 interrupted",
 )
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from heli_core.version import version
+
+        print(f"heli {version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def heli(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_tell_version, is_eager=True, help="print the version"),
+    ] = False,
+) -> None:
+    """Name of the command's own options."""
+
+
 app.add_typer(bag, name="bag")
 app.add_typer(fault)
 app.add_typer(graph)
@@ -114,6 +135,7 @@ app.command(epilog=JOY_EPILOG)(joy)
 app.command(cls=CommandWithRenamed, epilog=epilog("heli hover"))(hover)
 app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=DIFF_EPILOG)(diff)
+app.command("list", epilog=LIST_EPILOG)(list_packaged)
 
 
 @app.command(

@@ -136,6 +136,22 @@ def _followed(bag: Bag, limits: ReferenceLimits) -> list[tuple[int, Trajectory]]
     return followed
 
 
+def _commanded(
+    bag: Bag, ticks: NDArray[np.int64], clock: _Clock, limits: ReferenceLimits
+) -> np.ndarray | None:
+    """Where (N,) it followed another reference than the first, or another mode; None: nowhere."""
+    followed = sorted(_followed(bag, limits), key=lambda pair: pair[0])
+    others = [came_ns for came_ns, way in followed if not _is_same(way, followed[0][1])]
+    began = others + [at_ns for at_ns, mode in _modes(bag) if mode not in _FOLLOWING]
+    if not began:
+        return None
+    return np.asarray(ticks >= clock.ticks(np.array([min(began)]))[0])
+
+
+def _is_same(one: Trajectory, other: Trajectory) -> bool:
+    return np.array_equal(one.times_ns, other.times_ns) and np.array_equal(one.points, other.points)
+
+
 def _engaged(bag: Bag) -> tuple[int, NDArray[np.float64]] | None:
     """When the outer loop engaged, ns, and by what it then moved its reference, NED, m."""
     for remark in bag.remarks:
@@ -299,6 +315,7 @@ def _record(
         mode=_mode(bag, ticks, clock),
         failsafe=_failsafe(bag, ticks, clock),
         takeoff_height_m=_climb(bag, ticks, clock),
+        commanded=_commanded(bag, ticks, clock, limits),
     )
 
 

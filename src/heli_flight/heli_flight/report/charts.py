@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_core.metrics import ATTITUDE_DEG, BY_KEY, PATH, SETTLED_S, heading_frame
+from heli_core.metrics import (
+    ATTITUDE_DEG,
+    BY_KEY,
+    PATH,
+    SETTLED_S,
+    PaperMetric,
+    heading_frame,
+)
 from heli_core.python_controller import INNER, OUTER
 from heli_core.rotations import rotation_between
 from heli_core.rows import ACTUATOR, REFERENCE
@@ -114,31 +121,42 @@ def _largest(report: Report, *keys: str) -> str:
 
 
 def _velocity(report: Report, key: str, axis: int, title: str, quantity: str, what: str) -> Chart:
-    metric = BY_KEY[key]
+    metric = report.metric(key)
     lines = [_line(report, s, report.error(key, s)) for s in report.sources()]
-    bound = limits(report.record.time_s, metric.paper, f"paper: ±{metric.paper:g} m/s")
     return Chart(
-        f"{metric.source.lower().replace('. ', '')}_{key}",
+        f"{BY_KEY[key].source.lower().replace('. ', '')}_{key}",
         title,
         f"{what}; shaded: the scored windows. {_largest(report, key)}",
-        [Panel(quantity, "m/s", [*reversed(lines), bound])],
+        [Panel(quantity, "m/s", [*reversed(lines), *_limits(report, metric)])],
         PAPER_SECTION,
-        metric.source,
+        _redrawn(metric),
         spans=report.spans,
     )
 
 
+def _limits(report: Report, metric: PaperMetric) -> list[Trace]:
+    """Its bound on both sides; nothing where there is none."""
+    if not metric.bounded:
+        return []
+    words = f"{metric.bound_name}: ±{metric.paper:g} {metric.unit}"
+    return [limits(report.record.time_s, metric.paper, words)]
+
+
+def _redrawn(metric: PaperMetric) -> str:
+    """The paper's figure whose bound a chart has; empty for another bound."""
+    return metric.source if metric.source == BY_KEY[metric.key].source else ""
+
+
 def _vertical_speed(report: Report) -> Chart:
     """Fig. 5: v_z with its reference, and what is left of it, enlarged to the paper's bound."""
-    r, metric = report.record, BY_KEY["v_z"]
+    r, metric = report.record, report.metric("v_z")
     speeds = {"navigation": r.nav_vel_ned_mps[:, 2], "truth": r.truth_vel_ned_mps[:, 2]}
     sources = list(reversed(report.sources()))
     target = Trace(
         r.time_s, r.reference[:, REFERENCE.down_vel], "reference", "reference", "dash", width=1.2
     )
     errors = [_line(report, s, report.error("v_z", s)) for s in sources]
-    bound = limits(r.time_s, metric.paper, f"paper: ±{metric.paper:g} m/s")
-    reach = 2.2 * metric.paper
+    reach = 2.2 * (metric if metric.bounded else BY_KEY["v_z"]).paper
     return Chart(
         "fig5_v_z",
         "Vertical speed",
@@ -146,27 +164,36 @@ def _vertical_speed(report: Report) -> Chart:
         f"the scored windows. {_largest(report, 'v_z')}",
         [
             Panel("v_z", "m/s", [*(_line(report, s, speeds[s]) for s in sources), target]),
-            Panel("v_z - reference", "m/s", [*errors, bound], y_range=(-reach, reach)),
+            Panel(
+                "v_z - reference",
+                "m/s",
+                [*errors, *_limits(report, metric)],
+                y_range=(-reach, reach),
+            ),
         ],
         PAPER_SECTION,
-        "Fig. 5",
+        _redrawn(metric),
         spans=report.spans,
     )
 
 
 def _altitude(report: Report) -> Chart:
-    r, metric = report.record, BY_KEY["altitude"]
+    r, metric = report.record, report.metric("altitude")
     reference = -r.reference[:, REFERENCE.pos][:, 2]
     heights = {"navigation": -r.nav_pos_ned_m[:, 2], "truth": -r.truth_pos_ned_m[:, 2]}
     lines = [_line(report, s, heights[s]) for s in reversed(report.sources())]
     target = Trace(r.time_s, reference, "reference", "reference", "dash", width=1.2)
-    ends = np.concatenate([r.time_s, [np.nan], r.time_s])
-    tube = np.concatenate([reference + metric.paper, [np.nan], reference - metric.paper])
-    bound = Trace(ends, tube, f"paper: ±{metric.paper:.2f} m", "bound", "dash", width=1.2)
+    bound = []
+    if metric.bounded:
+        ends = np.concatenate([r.time_s, [np.nan], r.time_s])
+        tube = np.concatenate([reference + metric.paper, [np.nan], reference - metric.paper])
+        words = f"{metric.bound_name}: ±{metric.paper:.2f} m"
+        bound.append(Trace(ends, tube, words, "bound", "dash", width=1.2))
     start, end, shown = _zoom(report)
     near = reference[(r.time_s >= start) & (r.time_s <= end)]
     middle = 0.5 * (near.min() + near.max())
-    reach = 1.5 * metric.paper + 0.5 * float(np.ptp(near))
+    half = (metric if metric.bounded else BY_KEY["altitude"]).paper
+    reach = 1.5 * half + 0.5 * float(np.ptp(near))
     return Chart(
         "fig8_altitude",
         "Altitude",
@@ -177,14 +204,14 @@ def _altitude(report: Report) -> Chart:
             Panel(
                 "altitude",
                 "m",
-                [*lines, target, bound],
+                [*lines, target, *bound],
                 y_range=(middle - reach, middle + reach),
                 x_range=(start, end),
                 note="enlarged",
             ),
         ],
         PAPER_SECTION,
-        "Fig. 8",
+        _redrawn(metric),
         spans=report.spans,
     )
 
@@ -217,19 +244,23 @@ def _track(report: Report) -> Chart:
             traces.append(Trace(right, ahead, words, "muted", width=0.8))
         right, ahead = (np.where(scored, error, np.nan) for error in (right, ahead))
         traces.append(Trace(right, ahead, NAMES[source], _ROLES[source], width=1.4))
-    x, y = BY_KEY["lateral"].paper, BY_KEY["longitudinal"].paper
+    lateral, longitudinal = report.metric("lateral"), report.metric("longitudinal")
+    is_bounded = lateral.bounded and longitudinal.bounded
+    x, y = (lateral.paper, longitudinal.paper) if is_bounded else (PD_PID_M, PD_PID_M)
     box = np.array([-1.0, 1.0, 1.0, -1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0, -1.0])
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     ads = ADS33_HORIZONTAL_M
+    far = max(max(largest(t.x), largest(t.y)) for t in traces)
+    if is_bounded:
+        words = f"{lateral.bound_name}: ±{x:g} m, ±{y:g} m"
+        traces.append(Trace(box[0] * x, box[1] * y, words, "bound", "dash", width=1.8))
     traces += [
-        Trace(box[0] * x, box[1] * y, f"paper: ±{x:g} m, ±{y:g} m", "bound", "dash", width=1.8),
         Trace(PD_PID_M * np.sin(turn), PD_PID_M * np.cos(turn), "[8] 1.2 m", "green", "dot"),
         Trace(NONLINEAR_M * np.sin(turn), NONLINEAR_M * np.cos(turn), "[17] 1.33 m", "sky", "dot"),
         Trace(box[0] * ads, box[1] * ads, "ADS-33E desired", "muted", "dot"),
         Trace(np.zeros(1), np.zeros(1), "reference", "reference", "points"),
     ]
     span = 1.6 * max(NONLINEAR_M, x)
-    far = max(max(largest(t.x), largest(t.y)) for t in traces[:-5])
     side = float(np.clip(1.1 * far, span, 50.0))
     return Chart(
         "fig9_track",
@@ -238,7 +269,7 @@ def _track(report: Report) -> Chart:
         f"windows. {_largest(report, 'lateral', 'longitudinal')}",
         [Panel("forward", "m", traces, y_range=(-side, side), x_range=(-side, side))],
         PAPER_SECTION,
-        "Fig. 9",
+        _redrawn(lateral),
         x_quantity="to the right",
         x_unit="m",
         time=False,
@@ -286,10 +317,22 @@ def _scored_reach(report: Report, record: FlightRecord) -> float:
     return max(0.05, 1.15 * largest(error))
 
 
+def _attitude_bound(report: Report, key: str, law: str, time_s: np.ndarray) -> list[Trace]:
+    """Of the paper's test the law's own figure; else what bounds the flight, if anything does."""
+    metric = report.metric(key)
+    if not metric.bounded:
+        return []
+    if not _redrawn(metric):
+        return [limits(time_s, metric.paper, f"{metric.bound_name}: ±{metric.paper:g}°")]
+    paper = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])[0]
+    words = f"paper, {'PID' if law == 'pid' else 'H-infinity'}: ±{paper:g}°"
+    return [limits(time_s, paper, words)]
+
+
 def _paper_charts_attitude(
     report: Report, law: str, record: FlightRecord, origin: str, scale: tuple[float, float]
 ) -> Chart:
-    paper, figure = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])
+    figure = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])[1]
     t = record.time_s
     panels = []
     for axis, name in enumerate(("roll", "pitch")):
@@ -297,10 +340,10 @@ def _paper_charts_attitude(
             Trace(t, _attitude_error_deg(record, s)[:, axis], NAMES[s], _ROLES[s])
             for s in reversed(report.sources())
         ]
-        bound = limits(t, paper, f"paper, {'PID' if law == 'pid' else 'H-infinity'}: ±{paper:g}°")
+        bound = _attitude_bound(report, name, law, t)
         note = beyond(t, [line.y for line in lines], scale[0], "°")
         reach = (-scale[0], scale[0])
-        panels.append(Panel(f"{name} error", "°", [*lines, bound], y_range=reach, note=note))
+        panels.append(Panel(f"{name} error", "°", [*lines, *bound], y_range=reach, note=note))
     source = report.sources()[0]
     error = _attitude_error_deg(record, source)
     close = [Trace(t, error[:, 0], "roll", "green"), Trace(t, error[:, 1], "pitch", "purple")]
@@ -321,7 +364,7 @@ def _paper_charts_attitude(
         f"Attitude minus command (0 in the paper) under {name}: {origin}.{largest}",
         panels,
         PAPER_SECTION,
-        figure,
+        figure if _redrawn(report.metric("roll")) else "",
         spans=report.spans,
         bands=None if record is report.record else bands_of(record, report.settings),
     )
@@ -396,7 +439,9 @@ def _errors(report: Report) -> Chart:
         ]
         for key in ("position", "heading")
     }
-    away, turned = BY_KEY["position"].paper, BY_KEY["heading"].paper
+    goals = report.metric("position"), report.metric("heading")
+    away, turned = (goal.paper for goal in goals)
+    names = tuple(goal.bound_name for goal in goals)
     reach = {"position": _path_charts_reach(report, lines["position"], away)}
     reach["heading"] = _path_charts_reach(report, lines["heading"], turned)
     notes = {
@@ -412,14 +457,14 @@ def _errors(report: Report) -> Chart:
             Panel(
                 "distance",
                 "m",
-                [*lines["position"], level(r.time_s, away, f"goal: {away:g} m")],
+                [*lines["position"], level(r.time_s, away, f"{names[0]}: {away:g} m")],
                 y_range=(-0.05 * reach["position"], reach["position"]),
                 note=notes["position"],
             ),
             Panel(
                 "heading error",
                 "°",
-                [*lines["heading"], limits(r.time_s, turned, f"goal: ±{turned:g}°")],
+                [*lines["heading"], limits(r.time_s, turned, f"{names[1]}: ±{turned:g}°")],
                 y_range=(-reach["heading"], reach["heading"]),
                 note=notes["heading"],
             ),
@@ -446,11 +491,14 @@ class Bound:
         The bound and its infimum, eq. (14).
     of : str
         What it bounds, in words.
+    is_wind_to_h : bool
+        Whether that is the norm from wind to h, whose singular values are drawn.
     """
 
     gamma: float
     gamma_star: float
     of: str
+    is_wind_to_h: bool
 
 
 @dataclass(frozen=True)
@@ -630,10 +678,12 @@ def _bound(config: AttitudeConfig) -> Bound | None:
             config.output.gamma,
             config.output.gamma_star.value,
             "of output feedback; wind, load and noise to h and the integrals, weighted by `output`",
+            False,
         )
     if config.controller == "hinf":
         synthesis = config.synthesis
-        return Bound(synthesis.gamma, synthesis.gamma_star.value, "of state feedback; wind to h")
+        of = "of state feedback; wind to h"
+        return Bound(synthesis.gamma, synthesis.gamma_star.value, of, True)
     return None
 
 
@@ -877,7 +927,9 @@ def design_charts(design: DesignNumbers) -> list[Chart]:
         inputs.append(Trace(design.omega[-1], values, "", "nav", "dot", width=1.0))
     w = design.omega[0]
     bound, highest, gamma_note = design.bound, float(np.max(design.wind_to_h[-1])), ""
-    if bound is not None:
+    if bound is not None and not bound.is_wind_to_h:
+        gamma_note = f" γ = {bound.gamma:.3g} is {bound.of}: no level of this chart."
+    elif bound is not None:
         outputs += [
             level(w, bound.gamma, f"γ = {bound.gamma:.4f}"),
             level(w, bound.gamma_star, f"γ* = {bound.gamma_star:.4f}", "reference", "dot"),

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from heli_bags.reader import Remark
+from heli_core.metrics import PaperMetric
 from heli_core.python_controller import INNER, short_name
 from heli_core.rotations import euler_angles
 from heli_flight.flight_file import drawn, drawn_words, flown_faults
@@ -167,8 +168,10 @@ class Chart:
         Shaded stretches of x: the scored phases.
     bands : sequence of Band, optional
         What was recorded of modes, faults, failsafes; None: not settled yet (`with_bands`).
-    log_x, square : bool
-        square: equal scales and a 1 m grid.
+    log_x, square, is_to_scale : bool
+        square: equal scales and a 1 m grid. is_to_scale: equal scales.
+    height_px : float
+        0: as its panels ask.
     """
 
     key: str
@@ -184,6 +187,8 @@ class Chart:
     log_x: bool = False
     square: bool = False
     bands: Sequence[Band] | None = None
+    is_to_scale: bool = False
+    height_px: float = 0.0
 
     @property
     def x_label(self) -> str:
@@ -440,6 +445,10 @@ class Report:
         known = {"navigation": self.record.nav_pos_ned_m, "truth": self.record.truth_pos_ned_m}
         recorded = [source for source, array in known.items() if np.isfinite(array).any()]
         return recorded or ["navigation"]
+
+    def metric(self, key: str) -> PaperMetric:
+        """A metric of this flight's kind, with what bounds it."""
+        return next(m for m in self.settings.scenario.metrics if m.key == key)
 
     def error(self, key: str, source: str) -> np.ndarray:
         """Error (N,) of a metric of hover, in its unit."""

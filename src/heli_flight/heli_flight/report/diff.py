@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flights beside each other: where their parameters differ, and their figures in one table."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from markupsafe import Markup
 from rich.console import Console
 
 from heli_core.folders import write_whole
-from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, PaperMetric
+from heli_core.metrics import CLIMB_METRICS, METRICS, NONE, PATH, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_angles
 from heli_core.rows import REFERENCE
@@ -117,9 +118,9 @@ class MetricComparison:
             "key": self.metric.key,
             "measured_from": self.source,
             "unit": self.metric.unit,
-            "paper": self.metric.paper,
+            "paper": self.metric.as_dict()["paper"],
             "flights": [
-                None if s is None else {"max": s.max, "rms": s.rms, "inside": s.inside}
+                None if s is None else {"max": s.max, "rms": s.rms, "inside": s.as_dict()["inside"]}
                 for s in self.scores
             ],
             "change": self.change,
@@ -307,7 +308,8 @@ def text(value: Any) -> str:
 def _metrics(flights: Sequence[Named]) -> list[MetricComparison]:
     """What decides first; truth less drift where a standalone receiver flew."""
     kinds = {named.flight.settings.scenario.kind for named in flights}
-    metrics = [m for kind, row in METRICS.items() if kind in kinds for m in row]
+    every = (m for kind, row in METRICS.items() if kind in kinds for m in row)
+    metrics = [_metric_of(flights, metric) for metric in every]
     known = {s for named in flights for s in sources_of(named.flight.settings.gps)}
     rows = []
     for stretch in sorted(STRETCHES, key=lambda name: name != DECIDES):
@@ -317,6 +319,13 @@ def _metrics(flights: Sequence[Named]) -> list[MetricComparison]:
                 if any(scores):
                     rows.append(MetricComparison(stretch, metric, source, scores))
     return rows
+
+
+def _metric_of(flights: Sequence[Named], metric: PaperMetric) -> PaperMetric:
+    """A metric with what bounds it in all flights that have it; with none where they differ."""
+    known = {m for named in flights for m in named.flight.settings.scenario.metrics
+             if m.key == metric.key}  # fmt: skip
+    return known.pop() if len(known) == 1 else replace(metric, paper=math.inf, source=NONE)
 
 
 def _score(flight: RecordedFlight, stretch: str, metric: PaperMetric, source: str) -> Score | None:
@@ -466,9 +475,9 @@ _TITLES = {
     "actuators": "Actuators",
     "read": "What was read",
 }
-_HOW = "Largest magnitude (rms); ✓ inside, ✗ outside the paper's figure, or the goal."
+_HOW = "Largest magnitude (rms); ✓ inside, ✗ outside the bound."
 _SAME_BELOW = 5e-4
-_PAPER = "paper or goal"
+_BOUND = "bound"
 
 
 def write_diff(comparison: FlightDiff, page: Path) -> None:
@@ -533,7 +542,7 @@ def print_diff(comparison: FlightDiff, console: Console) -> None:
         climb = [[name, *cells] for name, cells in comparison.climb]
         head = ["figure", *comparison.names]
         console.print(_text_table("Climb and ground", head, climb, console))
-    console.print("! outside the paper's figure, or the goal")
+    console.print("! outside the bound")
     for named in comparison.flights:
         console.print(_verdict(named)[2], soft_wrap=True, markup=False)
         for note in _notes(named):
@@ -560,10 +569,9 @@ def _verdict(named: Named) -> tuple[str, str, str]:
     if named.partial:
         return "✗", "bad", f"{named.name}: partial: {named.partial}"
     sentence = f"{named.name}: {verdict(result, settings, DECIDES)}"
-    if not result.figures.of(DECIDES):
-        return "–", "", sentence
-    outside = result.judged(settings.gps, DECIDES)
-    return "✗" if outside else "✓", "bad" if outside else "good", sentence
+    marks = {Verdict.INSIDE: ("✓", "good"), Verdict.OUTSIDE: ("✗", "bad")}
+    mark_and_tone = marks.get(result.verdict(settings.gps), ("–", ""))
+    return *mark_and_tone, sentence
 
 
 def _fact(named: Named) -> str:
@@ -601,12 +609,13 @@ def _of(comparison: FlightDiff, stretch: str) -> Iterable[MetricComparison]:
 
 def _head(comparison: FlightDiff) -> list[str]:
     more = ["change"] if len(comparison.flights) == 2 else []
-    return ["", "measured from", _PAPER, *comparison.names, *more]
+    return ["", "measured from", _BOUND, *comparison.names, *more]
 
 
 def _about(row: MetricComparison) -> list[str]:
     metric = row.metric
-    return [f"{metric.label}, {metric.unit}", SOURCE_NAMES[row.source], f"{metric.paper:g}"]
+    bound = metric.bound_text.split()[0]
+    return [f"{metric.label}, {metric.unit}", SOURCE_NAMES[row.source], bound]
 
 
 def _changed(row: MetricComparison) -> list[str]:
@@ -637,8 +646,8 @@ def _metric_tables(comparison: FlightDiff) -> list[ReportTable]:
 
 
 def _cell(score: Score) -> Markup:
-    size = Markup("{:.3f} <small>({:.3f})</small> ").format(score.max, score.rms)
-    return size + mark(score.inside)
+    size = Markup("{:.3f} <small>({:.3f})</small>").format(score.max, score.rms)
+    return size + " " + mark(score.inside) if score.metric.bounded else size
 
 
 def _plain(score: Score) -> str:

@@ -19,6 +19,7 @@ from markupsafe import Markup
 
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.flight_file import changes
+from heli_flight.report import first_screen
 from heli_flight.report.charts import LAWS, DesignNumbers
 from heli_flight.report.data import PALETTE, Chart, Report, legend
 from heli_flight.report.plotly import page_data, with_indices
@@ -32,9 +33,8 @@ from heli_flight.report.tables import (
     result_tables,
     scope,
 )
-from heli_flight.result import fault_words, mean_wind, verdict, versions
+from heli_flight.result import fault_words, mean_wind, versions
 from heli_flight.scenario import NODE_NAME, TABLE
-from heli_flight.scoring import DECIDES, STRETCHES, TRUTH
 from heli_flight.settings import NODES
 
 # -------------------------------------------------------------------------------------------------
@@ -42,7 +42,7 @@ from heli_flight.settings import NODES
 # -------------------------------------------------------------------------------------------------
 
 _TITLES = {
-    "result": "Result",
+    "result": "Every figure: scored windows, whole flight, climb",
     "paper": "The paper's figures, from this flight",
     "path": "The path",
     "flight": "Wind, actuators, attitude",
@@ -99,6 +99,7 @@ def render(
     design: DesignNumbers | None,
     spectra: FlightSpectra | None = None,
     files: bool = False,
+    folder: Path | None = None,
 ) -> str:
     """The flight's page as text.
 
@@ -112,6 +113,8 @@ def render(
         None if there are none.
     files : bool
         True if figures/ beside the page holds each chart as PNG and SVG.
+    folder : Path, optional
+        Where the page will lie, whose data it links to.
     """
     drawn = {chart.section for chart in charts}
     always = {"result", "scope", "parameters"}
@@ -124,7 +127,7 @@ def render(
         kind="Flight report · simulation",
         title=f"{heading}, seed {report.settings.seed}",
         heading=heading,
-        verdicts=_verdicts(report),
+        verdicts=[first_screen.verdict_of(report)],
         facts=_facts(report),
         links={k: v for k, v in _TITLES.items() if k in drawn | always or tables.get(k)},
         files=files,
@@ -133,6 +136,10 @@ def render(
         "flight.html",
         head,
         charts,
+        numbers=first_screen.numbers_of(report) if len(report.record) else [],
+        told=first_screen.told_of(report) if len(report.record) else "",
+        folder=folder or "",
+        beside=first_screen.data_beside(folder) if folder else {},
         results=result_tables(report),
         conditions=report.conditions,
         notes=[*report.result.notes, *report.missing],
@@ -187,43 +194,6 @@ def _hash(script: str) -> str:
 def _json(value: object) -> Markup:
     """JSON that can stand in a script: no text in it can end that, nor begin a comment."""
     return Markup(json.dumps(value, separators=(",", ":")).replace("<", "\\u003c"))
-
-
-def _verdicts(report: Report) -> list[tuple[str, str, str]]:
-    """Mark, class and sentence: of what makes it count for nothing alone, else of each stretch."""
-    result = report.result
-    if result.forged:
-        return [("✗", "bad", f"Forged: {result.forged}")]
-    if result.lost:
-        return [("✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}")]
-    partial = result.partial(report.settings.gps)
-    if partial:
-        return [("✗", "bad", f"Partial: {partial}")]
-    if not result.figures.all:
-        return [("–", "", "Not scored: nothing was recorded that could be.")]
-    return [_verdict(report, stretch) for stretch in STRETCHES]
-
-
-def _verdict(report: Report, stretch: str) -> tuple[str, str, str]:
-    result, gps = report.result, report.settings.gps
-    words = verdict(result, report.settings, stretch)
-    words = words[:1].upper() + words[1:]
-    judged = {s.metric.key for s in result.judged(gps, stretch)}
-    beyond = [
-        s.metric.label
-        for s in result.outside(stretch)
-        if s.source == TRUTH and s.metric.key not in judged
-    ]
-    if beyond:
-        words += (
-            f"; by ground truth outside in {', '.join(beyond)}, too: a {gps} receiver's drift "
-            "cannot be seen on board"
-        )
-    if stretch == DECIDES:
-        words += ". This decides the exit code"
-    if not result.figures.of(stretch):
-        return "–", "", f"{words}."
-    return "✗" if judged else "✓", "bad" if judged else "good", f"{words}."
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:

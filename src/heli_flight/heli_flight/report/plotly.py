@@ -41,14 +41,15 @@ def figure(chart: Chart) -> _Json:
     Returns
     -------
     dict
-        key, data, layout, panels (weights that set the height), time, square, bands.
+        key, data, layout, panels (weights that set the height), height (px; 0: by the panels),
+        time, square, bands.
     """
     in_legend: set[str] = set()
     data = [
         {**made, "xaxis": f"x{_number(row)}", "yaxis": f"y{_number(row)}"}
         for row, panel in enumerate(chart.panels)
         for trace in panel.traces
-        for made in _traces(thinned(trace, planar=chart.square), chart, panel, in_legend)
+        for made in _traces(thinned(trace, planar=_planar(chart)), chart, panel, in_legend)
     ]
     return {
         "key": chart.key,
@@ -56,7 +57,8 @@ def figure(chart: Chart) -> _Json:
         "layout": _layout(chart),
         "panels": [panel.height for panel in chart.panels],
         "time": chart.time,
-        "square": chart.square,
+        "square": chart.square or chart.is_to_scale,
+        "height": chart.height_px,
         "bands": [asdict(band) for band in chart.bands or ()],
     }
 
@@ -161,9 +163,10 @@ def _x_axis(chart: Chart, panel: Panel, row: int, lowest: int) -> _Json:
         axis["matches"] = "x"
     if chart.log_x:
         axis |= _log_axis([t.x for p in chart.panels for t in p.traces])
+    if _planar(chart):
+        axis |= {"scaleanchor": f"y{_number(row)}", "scaleratio": 1, "constrain": "domain"}
     if chart.square:
-        axis |= {"dtick": 1.0, "scaleanchor": f"y{_number(row)}", "scaleratio": 1}
-        axis["constrain"] = "domain"
+        axis["dtick"] = 1.0
     return axis
 
 
@@ -178,9 +181,16 @@ def _y_axis(chart: Chart, panel: Panel) -> _Json:
         names = [html.escape(name) for name in panel.y_ticks]
         axis |= {"tickvals": list(range(len(names))), "ticktext": names}
         axis |= {"showgrid": False, "zeroline": False, "fixedrange": True}
+    if _planar(chart):
+        axis["constrain"] = "domain"
     if chart.square:
-        axis |= {"dtick": 1.0, "constrain": "domain"}
+        axis["dtick"] = 1.0
     return axis
+
+
+def _planar(chart: Chart) -> bool:
+    """Whether both axes are lengths of the same scale."""
+    return chart.square or chart.is_to_scale
 
 
 def _log_axis(values: list[np.ndarray]) -> _Json:

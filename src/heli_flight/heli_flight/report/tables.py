@@ -12,10 +12,12 @@ from heli_core.metrics import (
     ATTITUDE_DEG,
     BY_KEY,
     CLIMB_METRICS,
-    METRICS,
+    GOAL,
     OVERSHOOT_S,
+    OWN,
     PATH,
     SETTLED_S,
+    PaperMetric,
     commanded_climb,
     size,
 )
@@ -30,7 +32,7 @@ from heli_flight.report.charts import (
     DesignNumbers,
 )
 from heli_flight.report.data import HEALTH, LEVELS, Report
-from heli_flight.result import climb_cell, phases
+from heli_flight.result import bound_head, climb_cell, phases
 from heli_flight.scoring import (
     DECIDES,
     SOURCE_NAMES,
@@ -80,16 +82,17 @@ class ReportTable:
 
 
 def result_tables(report: Report) -> list[ReportTable]:
-    """This flight beside the paper, over each stretch that was scored, and its climb."""
+    """This flight beside its bounds: the stretch that decides, the whole flight, the climb."""
     make = {"attitude": _attitude_rows, PATH: _path_rows}.get(report.kind, _hover_rows)
     tables = []
-    for stretch, name in STRETCHES.items():
+    for stretch in sorted(STRETCHES, key=lambda name: name != DECIDES):
         if report.result.figures.of(stretch):
             head, rows = make(report, stretch)
+            when = phases(report.settings, stretch, report.result.figures.until_s)
             remark = _STRETCH_NOTES[stretch, report.kind]
-            caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {remark}"
+            caption = f"{STRETCHES[stretch].capitalize()}, {when}. {remark}"
             if stretch == DECIDES:
-                caption += " This table decides the exit code."
+                caption += f" This table decides the exit code. {_HOW}"
             lacking = report.result.coverage(report.settings.gps, stretch).sentence
             caption += f" Partial: {lacking}." if lacking else ""
             tables.append(ReportTable(head, rows, caption))
@@ -103,24 +106,21 @@ def result_tables(report: Report) -> list[ReportTable]:
 
 
 _HOW = (
-    "Largest magnitude (rms); ✓ inside, ✗ outside the paper's figure. The paper measured from its "
+    "Largest magnitude (rms); ✓ inside, ✗ outside the bound. The paper measured from its "
     "navigation record; only a simulation knows the truth."
 )
 _STRETCH_NOTES = {
     (WHOLE, "hover"): (
         "From engagement to the end, the climb included, against the reference as commanded, which "
-        f"starts and stops at once. {_HOW}"
+        "starts and stops at once."
     ),
     (WHOLE, "attitude"): (
-        f"From engagement to the end, the start included, when level is commanded at once. {_HOW}"
+        "From engagement to the end, the start included, when level is commanded at once."
     ),
     (WINDOWS, "hover"): "Hover alone: without the start, the climb and what follows it.",
     (WINDOWS, "attitude"): "Without the start.",
-    (WHOLE, PATH): (
-        "From engagement to the end, against the point of the path at that moment. Largest "
-        "magnitude (rms); ✓ inside, ✗ outside the goal. The paper flies no paths."
-    ),
-    (WINDOWS, PATH): "Without the start.",
+    (WHOLE, PATH): "From engagement to the end, against the point of the path at that moment.",
+    (WINDOWS, PATH): "Without the start. The paper flies no paths.",
 }
 _LESS_DRIFT = (
     f"Truth less drift at engagement: ground truth moved by what the navigation record's position "
@@ -185,27 +185,40 @@ def _of_paper(value: str, source: str) -> Markup:
     return Markup("{} <small>{}</small>").format(value, source)
 
 
-def _scored(figures: Figures, stretch: str, key: str, source: str, bound: float) -> str:
+def _scored(figures: Figures, stretch: str, key: str, source: str, bound: float | None) -> str:
     score = figures.find(stretch, key, source)
     return _NONE if score is None else _cell(score.max, score.rms, bound)
 
 
+def _bound(metric: PaperMetric) -> float | None:
+    return metric.paper if metric.bounded else None
+
+
+def _bound_cell(metric: PaperMetric) -> str:
+    """The bound, and the paper's figure that it is."""
+    if not metric.bounded:
+        return _NONE
+    is_papers = metric.source not in (GOAL, OWN)
+    return _of_paper(f"{metric.paper:.2f}", metric.source if is_papers else "")
+
+
 def _hover_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
     sources = _sources(report)
-    head = ["", *(SOURCE_NAMES[s] for s in sources), "paper", "[8] PD-PID", "[17] nonlinear",
-            "ADS-33E desired"]  # fmt: skip
+    metrics = report.settings.scenario.metrics
+    head = ["", *(SOURCE_NAMES[s] for s in sources), bound_head(metrics), "[8] PD-PID",
+            "[17] nonlinear", "ADS-33E desired"]  # fmt: skip
     rows = []
-    for metric in METRICS["hover"]:
+    for metric in metrics:
         ads = _ADS33.get(metric.key)
         place = metric.key in ("lateral", "longitudinal")
         cells = [
-            _scored(report.result.figures, stretch, metric.key, s, metric.paper) for s in sources
+            _scored(report.result.figures, stretch, metric.key, s, _bound(metric)) for s in sources
         ]
         rows.append(
             [
                 f"{metric.label}, {metric.unit}",
                 *cells,
-                _of_paper(f"{metric.paper:.2f}", metric.source),
+                _bound_cell(metric),
                 f"{PD_PID_M:.2f}" if place else _NONE,
                 f"{NONLINEAR_M:.2f}" if place else _NONE,
                 f"{ads:.2f}" if ads is not None else _NONE,
@@ -216,19 +229,19 @@ def _hover_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]
 
 
 def _path_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
-    sources = _sources(report)
+    sources, metrics = _sources(report), report.settings.scenario.metrics
     rows = [
         [
             f"{metric.label}, {metric.unit}",
             *(
-                _scored(report.result.figures, stretch, metric.key, s, metric.paper)
+                _scored(report.result.figures, stretch, metric.key, s, _bound(metric))
                 for s in sources
             ),
-            f"{metric.paper:.2f}",
+            _bound_cell(metric),
         ]
-        for metric in METRICS[PATH]
+        for metric in metrics
     ]
-    return ["", *(SOURCE_NAMES[s] for s in sources), "goal"], rows
+    return ["", *(SOURCE_NAMES[s] for s in sources), bound_head(metrics)], rows
 
 
 def _distance_row(report: Report, stretch: str) -> list[str]:
@@ -246,19 +259,24 @@ def _distance_row(report: Report, stretch: str) -> list[str]:
 
 
 def _attitude_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
-    head = ["", *(SOURCE_NAMES[s] for s in SOURCES), "paper"]
+    metrics = report.settings.scenario.metrics
+    head = ["", *(SOURCE_NAMES[s] for s in SOURCES), bound_head(metrics)]
     flights = [(report.controller, report.result.figures, "")]
     if report.rival is not None:
         flights.append((report.rival.controller, report.rival.figures, report.rival.lost))
     rows = []
     for law, figures, lost in flights:
         bound, source = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])
-        for metric in METRICS["attitude"] if figures.of(stretch) else ():
-            cells = [_scored(figures, stretch, metric.key, s, bound) for s in SOURCES]
+        for metric in metrics if figures.of(stretch) else ():
+            # Each law beside its own figure in the paper's test; else beside what bounds them all.
+            is_papers = metric.bounded and metric.source not in (GOAL, OWN)
+            least = bound if is_papers else _bound(metric)
+            cells = [_scored(figures, stretch, metric.key, s, least) for s in SOURCES]
             label = f"{metric.label} under {LAWS.get(law, law)}, °"
             if lost:
                 label += " (lost)"
-            rows.append([label, *cells, _of_paper(f"{bound:.1f}", source)])
+            told = _of_paper(f"{bound:.1f}", source) if is_papers else _bound_cell(metric)
+            rows.append([label, *cells, told])
     return head, rows
 
 

@@ -40,6 +40,8 @@ from heli_flight.report.data import (
     events_of,
     with_bands,
 )
+from heli_flight.report.first_screen import SECTION as FIRST
+from heli_flight.report.first_screen import charts_of as first_charts
 from heli_flight.report.page import render
 from heli_flight.report.spectra import spectra_of, spectrum_charts
 from heli_flight.result import Result
@@ -120,7 +122,8 @@ def write_report(
         record, settings, result, how, events, rival, tuple(missing), assumed, commit, bands
     )
     design = flown_design(settings)
-    charts = [*paper_charts(report), *path_charts(report), *flight_charts(report)]
+    charts = [*first_charts(report), *paper_charts(report), *path_charts(report)]
+    charts += flight_charts(report)
     if design is not None:
         charts += design_charts(design)
     charts += timeline_charts(report)
@@ -128,13 +131,15 @@ def write_report(
     charts += spectrum_charts(report, spectra, design)
     charts = with_bands([chart for chart in charts if chart.has_data], bands)
     page = folder / PAGE
-    text = render(report, charts, design, spectra, files=figures)
+    text = render(report, charts, design, spectra, files=figures, folder=folder)
     write_whole(page, text)
     if figures:
         # matplotlib takes half a second to import.
         from heli_flight.report.figures import write_figures
 
-        write_figures(charts, report.conditions, folder / FIGURES, drawn)
+        # The first screen's two are small ones of others.
+        whole = [chart for chart in charts if chart.section != FIRST]
+        write_figures(whole, report.conditions, folder / FIGURES, drawn)
     return page
 
 

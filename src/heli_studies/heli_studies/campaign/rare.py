@@ -26,7 +26,7 @@ from rich.console import Console
 from scipy import stats
 from scipy.stats import qmc
 
-from heli_core.metrics import METRICS, POSITIONS, PaperMetric
+from heli_core.metrics import POSITIONS, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import seconds
 from heli_flight.scoring import TRUTH_LESS_DRIFT, sources_of
@@ -419,7 +419,7 @@ def asked_of(spec: Spec, name: str, beyond: float | None = None) -> MetricBound:
     known = {
         f"{metric.key} ({source})": metric
         for source in sources_of(spec.base.gps)
-        for metric in METRICS[spec.base.scenario.kind]
+        for metric in spec.base.scenario.metrics
         if source != TRUTH_LESS_DRIFT or metric.key in POSITIONS
     }
     if name not in known:

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from heli_core.folders import write_whole
-from heli_core.metrics import BY_KEY, METRICS, PaperMetric
+from heli_core.metrics import PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.report.data import Chart, Panel, Trace
 from heli_flight.report.figures import write_figures
@@ -30,6 +30,7 @@ from heli_studies.campaign.run import (
     Summary,
     WorstFlight,
     about_of,
+    bounds_of,
     cases,
     explained_variance,
     judged_figures,
@@ -55,6 +56,8 @@ from heli_studies.campaign.spec import (
 MARGIN, DISTRIBUTIONS, SPREAD = "margin", "distributions", "spread"
 _ROLES = {"navigation": "nav", "truth": "truth"}
 _BINS = 40
+_ROOM, _FAR, _USUAL = 1.15, 2.0, 0.99
+"""Of the bound: how far a histogram reaches at least; at most, unless this share is beyond."""
 _STRONGEST = 4
 Array = NDArray[np.float64]
 
@@ -66,37 +69,39 @@ def column(table: pa.Table, name: str) -> Array:
     return np.array([math.nan if v is None else v for v in table[name].to_pylist()], dtype=float)
 
 
-def margin_chart(judged_flights: Sequence[WorstFlight], kind: str) -> Chart:
+def margin_chart(judged_flights: Sequence[WorstFlight], bounds: str) -> Chart:
     """How near the flights come to a bound: of the worst judged figure of each."""
     shares = np.array([case.share for case in judged_flights])
     caption = (
         "Of each flight the judged figure that is the largest part of its bound. A flight right of "
         "1 is outside; one that was lost has no figure and is counted as beyond every bound."
     )
-    panels = [_cumulative({"worst judged figure": ("nav", shares)}, 1.0, kind, len(judged_flights))]
+    shown = {"worst judged figure": ("nav", shares)}
+    panels = [_cumulative(shown, 1.0, bounds, len(judged_flights))]
     return Chart(
         "margin", "How near the flights come to a bound", caption, panels, MARGIN,
         x_quantity="largest judged figure as a part of its bound", x_unit="", time=False,
     )  # fmt: skip
 
 
-def distribution_charts(table: pa.Table, kind: str) -> list[Chart]:
+def distribution_charts(table: pa.Table, metrics: Sequence[PaperMetric]) -> list[Chart]:
     """Of each metric its histogram and its cumulative distribution, from both records."""
-    return [_distribution(table, metric, kind) for metric in METRICS[kind]]
+    return [_distribution(table, metric) for metric in metrics]
 
 
-def _distribution(table: pa.Table, metric: PaperMetric, kind: str) -> Chart:
+def _distribution(table: pa.Table, metric: PaperMetric) -> Chart:
     figures = {
         SOURCE_NAMES[source]: (_ROLES[source], column(table, f"{FIGURE}{metric.key} ({source})"))
         for source in SOURCES
     }
-    caption = (
-        "Largest magnitude in the scored windows, a value a flight. "
-        f"{figures_of(kind).capitalize()} have {metric.paper:g} {metric.unit} ({metric.source})."
-    )
+    caption = "Largest magnitude in the scored windows, a value a flight."
+    words = ""
+    if metric.bounded:
+        words = f"{metric.bound_name}: {metric.bound_text}"
+        caption += f" Bound: {metric.bound_text} ({metric.source})."
     panels = [
-        _histogram(figures, metric.paper),
-        _cumulative(figures, metric.paper, kind, table.num_rows),
+        _histogram(figures, metric.paper, words, metric.unit),
+        _cumulative(figures, metric.paper, words, table.num_rows),
     ]
     title = metric.label[:1].upper() + metric.label[1:]
     key = f"dist_{metric.key}"
@@ -115,26 +120,32 @@ def _distribution(table: pa.Table, metric: PaperMetric, kind: str) -> Chart:
 Figures = Mapping[str, tuple[str, Array]]
 
 
-def _histogram(figures: Figures, bound: float) -> Panel:
+def _histogram(figures: Figures, bound: float, words: str, unit: str) -> Panel:
+    """Counts over values, the bound in sight; what is far beyond stands in the last bin."""
     known = [values[np.isfinite(values)] for _, values in figures.values()]
-    most = max((float(values.max()) for values in known if values.size), default=bound)
-    edges = np.linspace(0.0, max(most, bound), _BINS + 1)
+    every = np.concatenate([*known, np.zeros(1)])
+    most, usual = float(every.max()), float(np.quantile(every, _USUAL))
+    reach = most if not words else max(_ROOM * bound, min(most, max(usual, _FAR * bound)))
+    edges = np.linspace(0.0, reach or 1.0, _BINS + 1)
     traces, highest = [], 1.0
     for (label, (role, _)), values in zip(figures.items(), known, strict=True):
-        counts, _ = np.histogram(values, edges)
+        counts, _ = np.histogram(np.minimum(values, edges[-1]), edges)
         highest = max(highest, float(counts.max()))
         x, y = np.repeat(edges, 2), np.concatenate(([0], np.repeat(counts, 2), [0]))
         traces.append(Trace(x, y.astype(float), label, role))
-    traces.append(_upright(bound, highest))
-    return Panel("flights", "", traces, y_range=(0.0, 1.06 * highest))
+    if words:
+        traces.append(_upright(bound, 1.06 * highest, words))
+    beyond = int((every > edges[-1]).sum())
+    note = f"{beyond} up to {most:.3g} {unit} in the last bin" if beyond else ""
+    return Panel("flights", "", traces, y_range=(0.0, 1.06 * highest), note=note)
 
 
-def _upright(bound: float, height: float, label: str = "") -> Trace:
+def _upright(bound: float, height: float, label: str) -> Trace:
     ends = np.array([0.0, height])
-    return Trace(np.full(2, bound), ends, label, "bound", "dash", width=1.2)
+    return Trace(np.full(2, bound), ends, label, "bound", "dash", width=2.2)
 
 
-def _cumulative(figures: Figures, bound: float, kind: str, count: int) -> Panel:
+def _cumulative(figures: Figures, bound: float, words: str, count: int) -> Panel:
     """Share of all flights at or below a value; those without a figure are never below."""
     traces = []
     for label, (role, values) in figures.items():
@@ -142,7 +153,8 @@ def _cumulative(figures: Figures, bound: float, kind: str, count: int) -> Panel:
         x = np.concatenate(([0.0], np.repeat(known, 2)))
         steps = np.arange(len(known) + 1) / max(count, 1)
         traces.append(Trace(x, np.repeat(steps, 2)[:-1], label, role))
-    traces.append(_upright(bound, 1.0, figures_of(kind)))
+    if words:
+        traces.append(_upright(bound, 1.0, words))
     return Panel("share of flights", "", traces, y_range=(0.0, 1.03))
 
 
@@ -224,11 +236,14 @@ def scatter_charts(
         traces = [
             Trace(x[~bad], values[~bad], "flight inside all bounds", "nav", "points"),
             Trace(x[bad], values[bad], "flight outside one", "bad", "points"),
-            Trace(ends, np.full(2, metric.paper), "bound", "bound", "dash", width=1.2),
         ]
+        if metric.bounded:
+            traces.append(
+                Trace(ends, np.full(2, metric.paper), "bound", "bound", "dash", width=1.2)
+            )
         title = f"{metric.label[:1].upper()}{metric.label[1:]} over {one.name}"
         caption = f"Rank correlation {one.rank_correlation:+.2f}; a point a flight, {name}."
-        highest = max(float(np.nanmax(values)), metric.paper)
+        highest = max(float(np.nanmax(values)), metric.paper if metric.bounded else 0.0)
         panel = Panel(
             metric.label, metric.unit, [t for t in traces if t.x.size], height=1.6,
             y_range=(0.0, 1.06 * highest),
@@ -288,11 +303,16 @@ class CampaignFolder:
     @property
     def figures(self) -> dict[str, tuple[PaperMetric, Array]]:
         """Judged figures: name to its metric and a value a flight."""
-        judged = judged_figures(self.table, self.about["flown"]["gps"])
+        judged = judged_figures(self.table, self.about["flown"])
         return {
-            name.removeprefix(FIGURE): (BY_KEY[key], column(self.table, name))
-            for name, (key, _, _) in judged.items()
+            name.removeprefix(FIGURE): (metric, column(self.table, name))
+            for name, (metric, _) in judged.items()
         }
+
+    @property
+    def metrics(self) -> tuple[PaperMetric, ...]:
+        """What is scored, with what bounds it."""
+        return bounds_of(self.about["flown"])
 
     @property
     def missing(self) -> int:
@@ -313,14 +333,14 @@ def read_campaign(folder: Path) -> CampaignFolder:
     table, damaged = store.table(), store.damaged()
     if not table.num_rows:
         raise ParameterError(f"{folder}: no flight has ended yet; --resume flies them")
-    judged_flights = cases(table, about["flown"]["gps"])
+    judged_flights = cases(table, about["flown"])
     numbers = [case.number for case in worst_flights(judged_flights, SHOWN)]
     again, why_not = _again(folder, about, numbers)
     return CampaignFolder(
         folder,
         about,
         table,
-        summary_of(table, about["flown"]["gps"]),
+        summary_of(table, about["flown"]),
         judged_flights,
         again,
         why_not,
@@ -380,11 +400,13 @@ def quantiles_table(campaign: CampaignFolder) -> ReportTable:
     rows = []
     for name, values in campaign.summary.quantiles.items():
         key, _, source = name.removesuffix(")").partition(" (")
-        metric, figures = BY_KEY[key], column(campaign.table, FIGURE + name)
+        metric = next(m for m in campaign.metrics if m.key == key)
+        figures = column(campaign.table, FIGURE + name)
         beyond = int((figures > metric.paper).sum())
         rows.append(
             [
-                f"{metric.label}, {metric.unit}", *map(_number, values), f"{metric.paper:g}",
+                f"{metric.label}, {metric.unit}", *map(_number, values),
+                f"{metric.paper:g}" if metric.bounded else _NONE,
                 _coloured(beyond), SOURCE_NAMES[source],
             ]
         )  # fmt: skip
@@ -520,10 +542,11 @@ def write_page(campaign: CampaignFolder, folder: Path, progress: Callable[[int],
     strongest = {
         name: sensitivities(campaign.inputs, v) for name, (_, v) in campaign.figures.items()
     }
-    kind, failed = campaign.about["flown"]["kind"], [case.failed for case in campaign.cases]
+    failed = [case.failed for case in campaign.cases]
+    bounds = figures_of(campaign.metrics)
     charts = [
-        margin_chart(campaign.cases, kind),
-        *distribution_charts(campaign.table, kind),
+        *([margin_chart(campaign.cases, bounds)] if bounds else []),
+        *distribution_charts(campaign.table, campaign.metrics),
         failure_chart(campaign.inputs, failed),
         *scatter_charts(campaign.inputs, campaign.figures, strongest, failed),
     ]
@@ -571,17 +594,19 @@ def _head(campaign: CampaignFolder, links: Mapping[str, str]) -> PageHeader:
 def _verdicts(campaign: CampaignFolder) -> list[tuple[str, str, str]]:
     summary = campaign.summary
     low, high = summary.interval
-    bounds = figures_of(campaign.about["flown"]["kind"])
+    bounds = figures_of(campaign.metrics)
+    inside = f"inside {bounds}" if bounds else "flown to the end; nothing bounds them"
+    outside = f"outside {bounds} or" if bounds else ""
     sure = f"95 % confidence: {percent(low)} to {percent(high)} (Clopper, Pearson)"
     if summary.failed:
         mark, tone = "✗", "bad"
         words = (
-            f"{summary.failed} of {summary.flights} flights outside {bounds} or not flown to the "
+            f"{summary.failed} of {summary.flights} flights {outside} not flown to the "
             f"end: {percent(summary.failed / summary.flights)}; {sure}."
         )
     else:
         mark, tone = "✓", "good"
-        words = f"All {summary.flights} flights inside {bounds}; of failing, {sure}."
+        words = f"All {summary.flights} flights {inside}; of failing, {sure}."
     verdict_rows = [(mark, tone, words)]
     if campaign.missing:
         words = f"{campaign.missing} of {campaign.about['flights']} flights have no row yet."

@@ -14,7 +14,7 @@ import shutil
 import stat
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +35,12 @@ from heli_core.foreign_files import (
     too_large,
     within_budget,
 )
-from heli_core.metrics import BY_KEY, METRICS, PATH
+from heli_core.metrics import BY_KEY, METRICS, PaperMetric
 from heli_core.rcl_yaml import ParameterError, file_refusal
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import FlightOrder, fly_and_write
 from heli_flight.loop import LoopFlight, simulate
-from heli_flight.result import Result, conditions
+from heli_flight.result import Result, bound_head, conditions
 from heli_flight.scoring import (
     DECIDES,
     SOURCE_NAMES,
@@ -87,6 +87,7 @@ _FLOWN = {
     "duration_s": float,
 }  # fmt: skip
 _MOST_CHARACTERS = 1_000_000
+_LEAST_BOUND = 1e-9
 _INPUT_KINDS = (
     pa.types.is_integer, pa.types.is_floating, pa.types.is_string, pa.types.is_boolean,
 )  # fmt: skip
@@ -124,6 +125,7 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
         flown = about["flown"]
         known = flown["kind"] in METRICS and flown["gps"] in GPS_PRESETS and about["flights"] > 0
         known = known and all(isinstance(how, str) for how in about["disperse"].values())
+        known = known and _are_bounds(flown.get("bounds", {}))
         wrong = "" if known else "values"
     if wrong:
         raise ParameterError(
@@ -137,6 +139,31 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
             f"in {folder}/result.json"
         )
     return about
+
+
+def _are_bounds(bounds: Any) -> bool:
+    """Whether these are bounds as `_about` writes them."""
+    return isinstance(bounds, dict) and all(
+        key in BY_KEY
+        and isinstance(pair, list)
+        and len(pair) == 2
+        and (pair[0] is None or (isinstance(pair[0], int | float) and pair[0] >= 0.0))
+        and isinstance(pair[1], str)
+        for key, pair in bounds.items()
+    )
+
+
+def bounds_of(flown: Mapping[str, Any]) -> tuple[PaperMetric, ...]:
+    """The metrics of a campaign's flights with what bounds them, by `flown` of `about_of`.
+
+    A campaign of before there were bounds of one's own has the kind's.
+    """
+    told = flown.get("bounds", {})
+    return tuple(
+        replace(metric, paper=math.inf if bound is None else float(bound), source=source)
+        for metric in METRICS[flown["kind"]]
+        for bound, source in [told.get(metric.key, (metric.paper, metric.source))]
+    )
 
 
 def _wrong(content: Any, keys: Mapping[str, type]) -> str:
@@ -160,16 +187,21 @@ def _rows_of(part: Path, columns: list[str] | None = None) -> pa.Table:
         raise file_refusal(error, part, "rows") from None
 
 
-def _about(spec: Spec, file: Path) -> dict[str, Any]:
+def flown_of(spec: Spec) -> dict[str, Any]:
+    """What all flights of a spec share, as `about_of` has it."""
     base = spec.base
-    flown = {
+    return {
         "kind": base.scenario.kind, "scenario": base.scenario_name, "world": base.world,
         "gps": base.gps, "laws": base.laws, "sampling": spec.sampling,
         "duration_s": float(base.scenario_parameters["duration_s"]),
+        "bounds": {m.key: [m.as_dict()["paper"], m.source] for m in base.scenario.metrics},
     }  # fmt: skip
+
+
+def _about(spec: Spec, file: Path) -> dict[str, Any]:
     return {
         "spec": spec.identity, "commit": sources_commit(), "flights": len(spec.inputs),
-        "file": str(file.resolve()), "flown": flown,
+        "file": str(file.resolve()), "flown": flown_of(spec),
         "disperse": {name: str(how) for name, how in spec.disperse.items()},
     }  # fmt: skip
 
@@ -551,28 +583,29 @@ class WorstFlight:
     share: float
 
 
-def judged_figures(table: pa.Table, gps: str) -> dict[str, tuple[str, str, float]]:
-    """Columns of what decides a verdict: key of the metric, record, bound."""
+def judged_figures(table: pa.Table, flown: Mapping[str, Any]) -> dict[str, tuple[PaperMetric, str]]:
+    """Columns of what decides a verdict: the metric with its bound, and the record."""
+    gps = flown["gps"]
     names = {
-        f"{FIGURE}{key} ({source})": (key, source, metric.paper)
-        for key, metric in BY_KEY.items()
+        f"{FIGURE}{metric.key} ({source})": (metric, source)
+        for metric in bounds_of(flown)
         for source in SOURCES
         if decides(source, gps)
     }
     return {name: figure for name, figure in names.items() if name in table.column_names}
 
 
-def cases(table: pa.Table, gps: str) -> list[WorstFlight]:
-    """Every flight of rows as of `Store.table`."""
-    judged = judged_figures(table, gps)
+def cases(table: pa.Table, flown: Mapping[str, Any]) -> list[WorstFlight]:
+    """Every flight of rows as of `Store.table`; `flown` as of `about_of`."""
+    judged = judged_figures(table, flown)
     wanted = [NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE, *judged]
     return [_case(row, judged) for row in table.select(wanted).to_pylist()]
 
 
-def _case(row: dict[str, object], judged: dict[str, tuple[str, str, float]]) -> WorstFlight:
+def _case(row: dict[str, object], judged: dict[str, tuple[PaperMetric, str]]) -> WorstFlight:
     parts = {
-        name: float(str(row[name])) / bound
-        for name, (_, _, bound) in judged.items()
+        name: float(str(row[name])) / max(metric.paper, _LEAST_BOUND)
+        for name, (metric, _) in judged.items()
         if row[name] is not None
     }
     name = max(parts, key=lambda key: parts[key], default="")
@@ -772,12 +805,12 @@ class Summary:
     worst: list[int]
 
 
-def summary_of(table: pa.Table, gps: str) -> Summary:
-    """Summarise rows as of `Store.table`, flown with a receiver that says what is judged."""
+def summary_of(table: pa.Table, flown: Mapping[str, Any]) -> Summary:
+    """Summarise rows as of `Store.table`; `flown` as of `about_of` says what is judged."""
     count = table.num_rows
     if not count:
         return Summary(0, {}, 0, (0.0, 1.0), Share(0, 0), {}, [])
-    failing = [case for case in cases(table, gps) if case.failed]
+    failing = [case for case in cases(table, flown) if case.failed]
     quantiles = {
         name.removeprefix(FIGURE): _quantiles(table[name])
         for name in table.column_names
@@ -942,16 +975,19 @@ def seeds_table(
     rows = text_table(STRETCHES[stretch], out)
     rows.add_column("metric")
     places = [(gps, source) for gps in columns for source in sources_of(gps)]
+    extremes = {gps: worst_of_seeds(flown, stretch) for gps, flown in columns.items()}
+    found: dict[PaperMetric, list[Score | None]] = {}
+    for metric in METRICS[kind]:
+        scores = [extremes[gps].get((metric.key, source)) for gps, source in places]
+        found[next((s.metric for s in scores if s), metric)] = scores
     for name in (
-        "goal" if kind == PATH else "paper",
+        bound_head(found),
         *(f"{gps}, {SOURCE_NAMES[source]}" for gps, source in places),
     ):
         rows.add_column(name, justify="right")
-    extremes = {gps: worst_of_seeds(flown, stretch) for gps, flown in columns.items()}
-    for metric in METRICS[kind]:
-        scores = [extremes[gps].get((metric.key, source)) for gps, source in places]
+    for metric, scores in found.items():
         cells = ["-" if s is None else f"{s.max:.2f}" for s in scores]
-        rows.add_row(metric.label, f"{metric.paper:g} {metric.unit}", *cells)
+        rows.add_row(metric.label, metric.bound_text, *cells)
     return rows
 
 
@@ -972,9 +1008,13 @@ def survived(flown: Sequence[FlownSeed]) -> Share:
 
 def remarks(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> list[str]:
     """Sentences: how many were inside, and each flight that was lost or outside (`DECIDES`)."""
+    bounds = figures_of(
+        [s.metric for flown in columns.values() for f in flown for s in f.figures.all]
+        or METRICS[kind]
+    )
     lines = [
         f"{STRETCHES[stretch]}, {gps}: {inside_of(flown, gps, stretch)} of {len(flown)} flights "
-        f"inside {figures_of(kind)}"
+        + (f"inside {bounds}" if bounds else "flown to the end; nothing bounds them")
         for stretch in STRETCHES
         for gps, flown in columns.items()
     ]
@@ -988,7 +1028,7 @@ def remarks(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> list[str]:
                 lines.append(f"partial: {gps}, seed {f.seed}: {lacking.sentence}")
             for s in Result(f.figures, "", 0.0, 0.0).judged(gps):
                 lines.append(
-                    f"outside the paper's figures: {gps}, seed {f.seed}: {s.metric.label} "
+                    f"outside {bounds}: {gps}, seed {f.seed}: {s.metric.label} "
                     f"({s.source}) {s.max:.3g} {s.metric.unit}, allowed: {s.metric.paper:g}"
                 )
     return lines

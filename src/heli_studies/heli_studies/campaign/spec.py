@@ -18,7 +18,7 @@ import shutil
 import tempfile
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -379,10 +379,13 @@ class Spec:
         overrides = by_section(parameters, self.base)
         if aircraft is not None:
             overrides.setdefault("plant", {})["aircraft_file"] = str(aircraft)
-        return resolve(
+        flown = resolve(
             self.scenario, self.gps, self.flight_seed(number), self.duration_s, params=self.params,
             overrides=overrides, world=self.world, laws=self.laws,
         )  # fmt: skip
+        # A dispersed aircraft has a file of its own, and the bounds of that which it varies.
+        metrics = self.base.scenario.metrics
+        return replace(flown, scenario=replace(flown.scenario, metrics=metrics))
 
     def aircraft(self, number: int) -> dict[str, Any] | None:
         """The aircraft file of a flight as {group.key: value}; None if none is dispersed."""

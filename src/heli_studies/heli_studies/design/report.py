@@ -447,7 +447,10 @@ def draw_steps(design: FinishedDesign, path: Path) -> None:
             bottom.set_xlim(0.0, STEP_LENGTH_S)
         axes[0, 0].set_ylabel("angle (deg)")
         axes[1, 0].set_ylabel("actuators from trim (−1…1)")
-        axes[0, 1].sharey(axes[0, 0])
+        # One scale of roll and pitch, for both overshoots: shared axes would keep the first's.
+        ends = [end for axis in axes[0, :2] for end in axis.get_ylim()]
+        for axis in axes[0, :2]:
+            axis.set_ylim(min(ends), max(ends))
         axes[0, 0].legend(loc="center right")
         axes[1, 0].legend(loc="upper right", ncols=3, columnspacing=0.8, handlelength=1.2)
 

@@ -5,6 +5,8 @@
   const root = document.documentElement;
   const button = document.getElementById("theme");
   const linked = document.getElementById("linked");
+  const all = document.getElementById("all");
+  const folds = [...document.querySelectorAll("details.section")];
   const prefersDark = window.matchMedia("(prefers-color-scheme: dark)");
   const coarse = window.matchMedia("(pointer: coarse)").matches;
   const font = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
@@ -19,6 +21,7 @@
   let following = false;
   let chosen = null;
   let round = 0;
+  let drawing = 0;
 
   for (const figure of figures) {
     figure.bands = bands[figure.bands];
@@ -104,6 +107,7 @@
   }
 
   function height(figure, width) {
+    if (figure.height) return figure.height;
     if (figure.square) return Math.min(width, paper ? 330 : 620) + (narrow ? 130 : 80);
     const each = paper ? 78 : narrow ? 150 : 175;
     const sum = figure.panels.reduce((total, share) => total + share, 0);
@@ -145,7 +149,7 @@
   function config(figure) {
     return {
       responsive: false, displaylogo: false, scrollZoom: false,
-      displayModeBar: coarse ? false : "hover",
+      displayModeBar: coarse || figure.height ? false : "hover",
       showSendToCloud: false, plotlyServerURL: "", showLink: false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { format: "svg", filename: figure.key },
@@ -153,7 +157,12 @@
   }
 
   const placeOf = (figure) => document.getElementById(`chart-${figure.key}`);
-  const widthOf = (figure) => (paper ? PAPER_PX : placeOf(figure).clientWidth);
+  const widthOf = (figure) => {
+    if (!paper) return placeOf(figure).clientWidth;
+    return figure.height ? PAPER_PX / 2 - 12 : PAPER_PX;
+  };
+  // A chart in a section that is folded is drawn when that is opened.
+  const isShown = (figure) => !placeOf(figure).closest("details:not([open])");
 
   async function draw(figure) {
     const place = placeOf(figure);
@@ -213,23 +222,42 @@
     return Math.max(0, top - window.innerHeight, -bottom);
   }
 
-  async function drawAll() {
-    const mine = ++round;
+  // Opens the section that an anchor is in; the anchor's element.
+  function unfold() {
+    const wanted = location.hash && document.getElementById(location.hash.slice(1));
+    const fold = wanted && (wanted.closest("details.section") || wanted.querySelector(":scope > details.section"));
+    if (fold) fold.open = true;
+    return wanted;
+  }
+
+  // So that nothing moves when charts come in, and an anchor leads where it should.
+  function reserve() {
+    for (const figure of figures.filter(isShown)) {
+      placeOf(figure).style.minHeight = `${height(figure, widthOf(figure))}px`;
+    }
+  }
+
+  // Draws what can be seen of the page, the nearest first; afresh: all of it again.
+  async function drawAll(afresh = true) {
+    if (!afresh && drawing === round) return;
+    if (afresh) round += 1;
+    const mine = round;
+    drawing = mine;
     narrow = !paper && window.innerWidth < 640;
+    const wanted = mine === 1 && unfold();
+    delete root.dataset.ready;
     hintTables();
-    // So that nothing moves when charts come in, and an anchor leads where it should.
-    for (const figure of figures) placeOf(figure).style.minHeight = `${height(figure, widthOf(figure))}px`;
-    const wanted = mine === 1 && location.hash && document.getElementById(location.hash.slice(1));
+    reserve();
     if (wanted) wanted.scrollIntoView({ behavior: "instant" });
-    let left = [...figures];
-    while (left.length && round === mine) {
-      const next = left.reduce((best, figure) => (away(figure) < away(best) ? figure : best));
+    const left = () => figures.filter((figure) => isShown(figure) && figure.round !== mine);
+    for (let rest = left(); rest.length && round === mine; rest = left()) {
+      const next = rest.reduce((best, figure) => (away(figure) < away(best) ? figure : best));
       if (away(next) > 0) root.dataset.view = "true";
       await draw(next);
-      left = left.filter((figure) => figure.round !== mine);
       await new Promise((resume) => setTimeout(resume, 0));
     }
     if (round !== mine) return;
+    drawing = 0;
     root.dataset.view = "true";
     root.dataset.ready = "true";
   }
@@ -244,13 +272,21 @@
     if (paper === begins) return;
     paper = begins;
     round += 1;
+    for (const fold of folds) {
+      if (paper) {
+        fold.dataset.was = fold.open;
+        fold.open = true;
+      } else {
+        fold.open = fold.dataset.was === "true";
+      }
+    }
     root.dataset.theme = paper ? "light" : chosen || (prefersDark.matches ? "dark" : "light");
     if (!paper) {
       drawAll();
       return;
     }
     narrow = false;
-    for (const figure of figures) {
+    for (const figure of figures.filter(isShown)) {
       placeOf(figure).style.minHeight = "0";
       draw(figure);
     }
@@ -262,7 +298,25 @@
     drawAll();
   });
   prefersDark.addEventListener("change", () => { applyTheme(); drawAll(); });
-  for (const details of document.querySelectorAll("details")) details.addEventListener("toggle", hintTables);
+  for (const details of document.querySelectorAll("details")) {
+    details.addEventListener("toggle", () => {
+      hintTables();
+      if (paper || !details.open) return;
+      reserve();
+      drawAll(false);
+    });
+  }
+  window.addEventListener("hashchange", () => unfold()?.scrollIntoView({ behavior: "instant" }));
+  all?.addEventListener("click", () => {
+    const open = folds.some((fold) => !fold.open);
+    for (const fold of folds) fold.open = open;
+    all.textContent = open ? "Fold all" : "Open all";
+    drawAll();
+  });
+  // Where a server shows the page, what lies beside it is not served.
+  if (location.protocol !== "file:") {
+    for (const link of document.querySelectorAll(".links a")) link.replaceWith(link.textContent);
+  }
   let pending = 0;
   let lastWidth = window.innerWidth;
   window.addEventListener("resize", () => {
