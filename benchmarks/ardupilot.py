@@ -5,7 +5,8 @@
 
 One run, parts in turn: the answer to a packet without a socket, with and without the bag that is
 recorded meanwhile, at 400 and 1200 steps a second; the round trip of a packet to a process that
-answers it by `heli ardupilot`'s loop, and to one that sends the same number of bytes back.
+answers it by `heli ardupilot`'s loop, and to one that sends as many bytes back at once. What counts
+are processor times, medians and ratios: means and times of the wall are the machine's.
 """
 
 import argparse
@@ -42,16 +43,19 @@ def _vehicle(folder: Path | None) -> Vehicle:
     return Vehicle(lambda rate: (Physics(settings, rate, servos), None), lambda line: None)
 
 
-def answers_us(rate_hz: int, frames: int, folder: Path | None) -> list[float]:
-    """Wall time of each answer, us, the first one left out."""
+def answers(rate_hz: int, frames: int, folder: Path | None) -> dict[str, float]:
+    """Wall time of answers, us, the first one left out; and processor time of one on average."""
     vehicle, spent = _vehicle(folder), []
-    for count in range(1, frames + 1):
-        data = packet(_PULSES, count, rate_hz)
+    packets = [packet(_PULSES, count, rate_hz) for count in range(1, frames + 1)]
+    vehicle.answer(packets[0], _SENDER, 1)
+    busy_s = time.process_time()
+    for data in packets[1:]:
         began_ns = time.perf_counter_ns()
         vehicle.answer(data, _SENDER, began_ns)
         spent.append((time.perf_counter_ns() - began_ns) / 1e3)
+    busy_s = time.process_time() - busy_s
     vehicle.close()
-    return spent[1:]
+    return {**_row(spent), "cpu_us": round(1e6 * busy_s / (frames - 1), 1)}
 
 
 def _serve(pipe: Any, folder: str | None) -> None:
@@ -109,12 +113,12 @@ def measure(seconds: float) -> dict[str, Any]:
         with tempfile.TemporaryDirectory(prefix="heli_ardupilot_") as place:
             folder = Path(place)
             row = {
-                "answer": _row(answers_us(rate_hz, frames, None)),
-                "answer_recorded": _row(answers_us(rate_hz, frames, folder / "a")),
+                "answer": answers(rate_hz, frames, None),
+                "answer_recorded": answers(rate_hz, frames, folder / "a"),
                 "round_trip": _row(round_trips_us(rate_hz, frames, folder / "b")),
                 "echo": _row(round_trips_us(rate_hz, frames, None)),
             }
-        row["of_goal"] = round(row["answer_recorded"]["mean_us"] / GOAL_US, 3)
+        row["of_goal"] = round(row["answer_recorded"]["cpu_us"] / GOAL_US, 3)
         row["round_trip_over_echo"] = round(row["round_trip"]["p50_us"] / row["echo"]["p50_us"], 2)
         row["times_real_time"] = round(1e6 / (row["round_trip"]["mean_us"] * rate_hz), 2)
         found["rates"][str(rate_hz)] = row
@@ -131,17 +135,14 @@ def main() -> int:
     if asked.json:
         print(json.dumps(found))
         return 0
-    print(
-        f"load {found['load']}; goal: an answer, recorded, in less than {GOAL_US:g} us on average"
-    )
+    print(f"load {found['load']}; goal: an answer, recorded, {GOAL_US:g} us of a processor")
     for rate_hz, row in found["rates"].items():
         print(f"{rate_hz} Hz")
         for part in ("answer", "answer_recorded", "round_trip", "echo"):
-            print(
-                "  {:16} mean {mean_us:7.1f}  p50 {p50_us:7.1f}  p99 {p99_us:7.1f} us".format(
-                    part, **row[part]
-                )
+            words = "  ".join(
+                f"{name.removesuffix('_us')} {us:.1f}" for name, us in row[part].items()
             )
+            print(f"  {part:16} {words} us")
         print(
             f"  of the goal {row['of_goal']}, round trip over echo {row['round_trip_over_echo']}, "
             f"{row['times_real_time']} times real time"

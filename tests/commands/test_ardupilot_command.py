@@ -62,9 +62,10 @@ def test_it_is_flown_and_written_and_read_by_what_reads_flights(tmp_path, capsys
         assert cli.main([*map(str, words)]) == 0, capsys.readouterr()
     capsys.readouterr()
     assert cli.main(["score", str(folder), "--mte", "hover"]) == 2
-    assert cli.main(["identify", str(folder), str(folder)]) == 2
+    bags = ["--actuators", str(folder), "--gusts", str(folder)]
+    assert cli.main(["identify", *bags, "--out", str(tmp_path / "identified")]) == 2
     _, err = capsys.readouterr()
-    assert len(err.splitlines()) == 2 and "excitation" in err
+    assert len(err.splitlines()) == 2 and "no message on" in err
 
 
 def test_each_vehicle_has_a_port_and_a_folder_and_ctrl_c_ends_all(tmp_path):

@@ -167,7 +167,8 @@ class Vehicle:
             raise PacketError(
                 RefusedCause.SENDER,
                 f"a second ArduPilot sends from port {sender[1]} while that of port "
-                f"{self._owner[1]} flies; start it with -I 1 beside --vehicles 2",
+                f"{self._owner[1]} flies; start it with -I 1 beside --vehicles 2; one that was "
+                f"started again is heard in {SILENT_NS // NS_PER_S} s",
             )
 
     def _anew(self, packet: ServoPacket, sender: Address, now_ns: int) -> None:
