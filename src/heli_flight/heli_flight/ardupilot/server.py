@@ -19,7 +19,7 @@ from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.plant import PlantStatus
 from heli_flight.ardupilot import physics as physics_kernels
 from heli_flight.ardupilot.physics import Physics
-from heli_flight.ardupilot.protocol import PORT_STEP
+from heli_flight.ardupilot.protocol import PORT, PORT_STEP
 from heli_flight.ardupilot.recording import FlightFacts, FlightFolder, finished
 from heli_flight.ardupilot.servos import ServoNumbers, parameters, read_file, servo_numbers
 from heli_flight.ardupilot.session import Flown, Meter, Vehicle
@@ -79,7 +79,7 @@ class ArduPilotOrder:
     swashplate: str = "H3_120"
     parm: Path | None = None
     measured: bool = False
-    port: int = 9002
+    port: int = PORT
     vehicles: int = 1
     world: str | None = None
     seed: int | None = None

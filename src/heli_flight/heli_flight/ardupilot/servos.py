@@ -196,6 +196,9 @@ def read_file(path: Path) -> dict[str, float]:
 # -------------------------------------------------------------------------------------------------
 
 
+_TAIL = TAIL_CHANNEL - 1
+
+
 @by_reference
 class ServoNumbers(NamedTuple):
     """Numbers of `deflections`."""
@@ -264,7 +267,7 @@ def deflections(pulse_us, k, out):
         pitch += k.unmix[1, i] * s
         col += k.unmix[2, i] * s
     blades = k.pitch_min + k.pitch_per_col * (col - k.col_min)
-    away = pulse_us[3] - k.tail[1]
+    away = pulse_us[_TAIL] - k.tail[1]
     end = k.tail[2] - k.tail[1] if away > 0.0 else k.tail[1] - k.tail[0]
     out[ACTUATOR.lat], out[ACTUATOR.lon] = roll, pitch
     out[ACTUATOR.ped] = -away / end
