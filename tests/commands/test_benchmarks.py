@@ -52,7 +52,15 @@ def test_a_campaign_flies_on_one_and_two_workers_and_its_memory_is_looked_at():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["closed_loop", "scaling", "campaign"])
+def test_a_frame_of_ardupilot_is_measured_beside_an_echo():
+    rates = quick("ardupilot")["rates"]
+    assert set(rates) == {"400", "1200"}
+    for row in rates.values():
+        assert 0.0 < row["answer"]["cpu_us"] < 1000.0 and row["round_trip_over_echo"] > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["closed_loop", "scaling", "campaign", "ardupilot"])
 def test_a_word_that_is_not_known_is_refused(name):
     done = run(name, "--quik")
     assert done.returncode == 2

@@ -47,6 +47,7 @@ CALLS = {
     "hover --live": [*LIVE, "--out", "{own}"],
     "hover --live --foxglove-port": [*LIVE, "--foxglove-port", "0", "--out", "{own}"],
     "replay": ["replay", "{flight}", "--port", "0"],
+    "ardupilot": ["ardupilot", "--port", "0", "--out", "{own}"],
     "joy": ["joy", "--keyboard"],
     "diff": ["diff", "{flight}", "{another}", "--out", "{own}.html"],
     "list": ["list", "scenarios"],
@@ -97,7 +98,7 @@ MAKES_DOCUMENTS = {"results make", "results check", "results render"}
 TO_SEND = "udp of a free port"
 """Of Fast DDS: nobody reads what comes there."""
 _WITHOUT_A_GRAPH = {"echo", "fault", "takeoff", "goto", "land", "mode"}
-_ENDED_BY_A_KEY = {"replay", "run", "joy"}
+_ENDED_BY_A_KEY = {"ardupilot", "replay", "run", "joy"}
 SETS_REACH = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS",
     "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE",

@@ -43,6 +43,9 @@ DESCRIPTIVE = {
     "| name | allowed | default | set | meaning |",
     # docs/failsafes.md, likewise; the times are bounds that its tests fly
     "| condition | detected by | within | action | recovery | what a user sees |",
+    # docs/howto/ardupilot.md: of a protocol
+    "| what | how |",
+    "| what comes | what is done |",
     # definitions, not measured
     "| `--mte` | paragraph | time, s | position or track, ft | altitude or height, ft "
     "| heading, deg | besides |",

@@ -45,7 +45,8 @@ def seconds(ticks: int | NDArray[np.int64]) -> float | NDArray[np.float64]:
 
 
 RATES_HZ = (TICKS_PER_S, 2 * TICKS_PER_S, 4 * TICKS_PER_S)
-"""Rates at which a flight may step: whole parts of 10 ms, so that every schedule fits."""
+"""Rates at which a flight may step: whole parts of 10 ms, so that every schedule fits. A plant that
+is flown by others may step in any whole part of 10 ms: `Rate.at_least`."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,11 @@ class Rate:
         return cls(rate_hz // TICKS_PER_S)
 
     @classmethod
+    def at_least(cls, rate_hz: int) -> Rate:
+        """The slowest rate in whole parts of 10 ms that is not below so many ticks a second."""
+        return cls(max(1, -(-rate_hz // TICKS_PER_S)))
+
+    @classmethod
     def of_parameters(cls, values: Mapping[str, Any]) -> Rate:
         """That of a node's parameter `rate_hz`; 100 Hz of a core that is not told."""
         return cls.of_hz(values.get("rate_hz", TICKS_PER_S))
@@ -80,13 +86,17 @@ class Rate:
 
     @property
     def tick_ns(self) -> int:
-        """Length of a tick, ns."""
+        """Length of a tick, ns; where 10 ms cannot be cut so, of the shortest (see `time_ns`)."""
         return TICK_NS // self.fold
 
     @property
     def tick_s(self) -> float:
         """Length of a tick, s."""
-        return self.tick_ns / NS_PER_S
+        return TICK_S / self.fold
+
+    def time_ns(self, ticks: int) -> int:
+        """Time of a number of the flight's ticks, ns: whole ones of 10 ms are exact at any rate."""
+        return ticks * TICK_NS // self.fold
 
     def of(self, ticks: int) -> int:
         """The flight's ticks in so many of 10 ms, as parameters count them."""

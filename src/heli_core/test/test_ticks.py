@@ -55,3 +55,13 @@ def test_a_rate_divides_ten_milliseconds_and_schedules_keep_their_times():
 def test_another_rate_is_refused(hz):
     with pytest.raises(ValueError, match=f"{hz} .*: 100, 200, 400"):
         Rate.of_hz(hz)
+
+
+@pytest.mark.parametrize(
+    ("hz", "fold"), [(1, 1), (100, 1), (101, 2), (400, 4), (1150, 12), (1200, 12), (1201, 13)]
+)
+def test_a_plant_of_others_steps_in_whole_parts_of_10_ms_as_often_as_asked(hz, fold):
+    rate = Rate.at_least(hz)
+    assert rate == Rate(fold) and rate.hz >= hz
+    assert [rate.time_ns(n * fold) for n in (1, 97)] == [10_000_000, 970_000_000]
+    assert rate.time_ns(1) == pytest.approx(1e9 * rate.tick_s, abs=1.0)

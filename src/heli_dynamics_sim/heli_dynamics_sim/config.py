@@ -473,8 +473,14 @@ class PlantConfig:
     rate: Rate = OF_100_HZ
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
+    def from_parameters(cls, values: Mapping[str, Any], rate: Rate | None = None) -> "PlantConfig":
         """Build from the parameters of the node `plant` (see `parameters.TABLE`).
+
+        Parameters
+        ----------
+        values : mapping
+        rate : Rate, optional
+            Of the plant's ticks, for a plant that is flown by others; default: `rate_hz`.
 
         Raises
         ------
@@ -483,7 +489,8 @@ class PlantConfig:
         AircraftError
             If the aircraft file cannot be used.
         """
-        position, rate = np.array(values["initial.pos_ned_m"], float), Rate.of_parameters(values)
+        position = np.array(values["initial.pos_ned_m"], float)
+        rate = rate or Rate.of_parameters(values)
         helicopter = replace(
             scaled(HelicopterParameters.from_yaml(values["aircraft_file"]), values),
             terms=ModelOptions(*(bool(values[f"terms.{name}"]) for name in ModelOptions._fields)),

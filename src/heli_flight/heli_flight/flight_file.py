@@ -15,6 +15,7 @@ from heli_core.foreign_files import FileCause, FileError, compose_yaml, read_tex
 from heli_core.rcl_yaml import ParameterError, dump_all, file_refusal
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.settings import (
+    ARDUPILOT,
     DRAWN,
     FLIGHT_SECTION,
     NODES,
@@ -276,8 +277,9 @@ def write_parameters(settings: Settings, path: Path) -> None:
     kind = f"{settings.scenario_name}, {settings.gps} GPS, "
     kind += f"world {settings.world}, laws {settings.laws}"
     of_package = f"the packaged parameters of {kind}"
+    command = "./heli ardupilot" if settings.mode == ARDUPILOT else "./hover_test.sh"
     head = [
-        "A flight, all of its parameters; flown again by: ./hover_test.sh --params <this file>",
+        f"A flight, all of its parameters; flown again by: {command} --params <this file>",
         f"{kind}, seed {settings.seed}, {flight['controller']}, {flight['duration_s']:g} s, "
         f"{settings.mode}",
         *([drawn_words(settings)] if drawn(settings) else []),

@@ -37,6 +37,7 @@ from heli_flight.replay import serve_after
 from heli_flight.result import Result, print_table, sentence, write_result
 from heli_flight.scoring import score
 from heli_flight.settings import (
+    ARDUPILOT,
     LAW_NODES,
     MOST_AIRCRAFT,
     ONE_PROCESS,
@@ -299,6 +300,7 @@ class FlightOrder:
             process_faults=read.process,
         )
         refuse_unnamed(settings, over)
+        _refuse_ardupilot(settings)
         return settings
 
 
@@ -421,6 +423,14 @@ def _shown(
         page = report_of_flight(flight, outcome.settings, outcome.folder, _say(out), order.figures)
     print_end(outcome, page, out)
     return outcome
+
+
+def _refuse_ardupilot(settings: Settings) -> None:
+    if settings.mode == ARDUPILOT:
+        raise ParameterError(
+            f"flight: mode: {ARDUPILOT}: is flown by heli ardupilot; allowed here: --realtime, "
+            "--lockstep or --one-process beside this file"
+        )
 
 
 def _refuse_composed(order: FlightOrder, settings: Settings) -> None:

@@ -31,7 +31,7 @@ from heli_flight.scoring import (
     sources_of,
     spans,
 )
-from heli_flight.settings import PAPER, Settings, own_laws, own_words
+from heli_flight.settings import ARDUPILOT, PAPER, Settings, laws_words, own_laws, own_words
 from heli_flight.terminal import FittingTable, table
 
 RESULT = "result.json"
@@ -301,13 +301,15 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
             words = f"from {until_s:.2f} s on it flew where it was told to: that is not scored"
             console.print(words, highlight=False)
     else:
-        console.print("not scored: nothing was flown")
+        told = settings.mode != ARDUPILOT
+        why = "nothing was flown" if told else "ArduPilot does not tell where it wanted to be"
+        console.print(f"not scored: {why}")
     console.print(conditions(settings), highlight=False)
     if flown_faults(settings):
         console.print(f"faults: {fault_words(settings)}", highlight=False)
     if drawn(settings):
         console.print(drawn_words(settings), highlight=False)
-    console.print(f"laws: {Path(settings.laws).stem}", highlight=False)
+    console.print(f"laws: {laws_words(settings)}", highlight=False)
     if own_words(settings):
         console.print(f"own law: {own_words(settings)}", highlight=False)
     for note in result.notes:

@@ -154,6 +154,11 @@ def own_words(settings: Settings) -> str:
     return ", ".join(f"{short_name(s)} in the place of the {loop} loop" for loop, s in laws)
 
 
+def laws_words(settings: Settings) -> str:
+    """What controlled the aircraft, in words: packaged laws by name, a user's file, ArduPilot."""
+    return "ArduPilot's" if settings.mode == ARDUPILOT else Path(settings.laws).stem
+
+
 def without_own(settings: Settings) -> Settings:
     """The same flight with the packaged laws."""
     packaged_laws = {
@@ -471,8 +476,10 @@ def _drawn(
 
 FLIGHT_SECTION = "flight"
 LOCKSTEP, REAL_TIME, ONE_PROCESS = "lockstep", "real time", "one process"
-MODES = (LOCKSTEP, REAL_TIME, ONE_PROCESS)
-"""Through the graph as fast as it goes; through the graph by the wall clock; without the graph."""
+ARDUPILOT = "ardupilot"
+MODES = (LOCKSTEP, REAL_TIME, ONE_PROCESS, ARDUPILOT)
+"""Through the graph as fast as it goes; through the graph by the wall clock; without the graph;
+by ArduPilot, which has the plant alone."""
 
 SHORT_FOR: Mapping[str, tuple[str, str]] = {
     "seed": ("plant", "seed"),

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, replay, campaign, design, identify, compare, report, score, diff,
-list, bag, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python.
+"""The command `heli`: hover, replay, ardupilot, campaign, design, identify, compare, report, score,
+diff, list, bag, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -18,6 +18,8 @@ import typer
 
 from heli_flight import interrupts
 from heli_flight.cli import common
+from heli_flight.cli.ardupilot import EPILOG as ARDUPILOT_EPILOG
+from heli_flight.cli.ardupilot import ardupilot
 from heli_flight.cli.common import (
     CommandWithRenamed,
     Figures,
@@ -136,6 +138,7 @@ app.command(cls=CommandWithRenamed, epilog=epilog("heli hover"))(hover)
 app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=DIFF_EPILOG)(diff)
 app.command("list", epilog=LIST_EPILOG)(list_packaged)
+app.command(epilog=ARDUPILOT_EPILOG)(ardupilot)
 
 
 @app.command(

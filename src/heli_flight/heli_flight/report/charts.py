@@ -42,7 +42,7 @@ from heli_flight.report.data import (
     limits,
 )
 from heli_flight.scoring import SOURCE_NAMES, STRETCHES, drift_at_engagement, errors
-from heli_flight.settings import Settings, own_laws
+from heli_flight.settings import ARDUPILOT, Settings, own_laws
 from heli_inner_hinf.controller_state import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.excitation import AXES
@@ -398,7 +398,8 @@ def _from_above(report: Report) -> Chart:
         for source, pos in places.items()
     ]
     traces.append(Trace(wanted[:, 1], wanted[:, 0], "path", "reference", "dash", width=1.2))
-    middle = 0.5 * (np.nanmin(wanted[:, :2], axis=0) + np.nanmax(wanted[:, :2], axis=0))
+    around = wanted if np.isfinite(wanted).any() else np.concatenate(list(places.values()))
+    middle = 0.5 * (np.nanmin(around[:, :2], axis=0) + np.nanmax(around[:, :2], axis=0))
     every = np.concatenate([wanted, *places.values()])[:, :2] - middle
     side = float(np.clip(1.1 * largest(every), 2.0, 500.0))
     north, east = ((float(m) - side, float(m) + side) for m in middle)
@@ -579,7 +580,7 @@ def flown_design(settings: Settings) -> DesignNumbers | None:
     ValueError
         As the design's parts raise it, each with a sentence.
     """
-    if INNER in own_laws(settings):
+    if INNER in own_laws(settings) or settings.mode == ARDUPILOT:
         return None
     # python-control takes seconds to import: not before it is needed
     from heli_inner_hinf import tuning

@@ -16,7 +16,7 @@ from heli_flight.flight_file import drawn, drawn_words, flown_faults
 from heli_flight.record import FlightRecord
 from heli_flight.result import Result, conditions
 from heli_flight.scoring import WINDOWS, Figures, Score, counted, errors
-from heli_flight.settings import Settings, own_laws
+from heli_flight.settings import ARDUPILOT, Settings, laws_words, own_laws
 from heli_outer_pd.failsafes import Action
 
 # -------------------------------------------------------------------------------------------------
@@ -404,7 +404,9 @@ class Report:
 
     @property
     def controller(self) -> str:
-        """The attitude law that flew: one of `CONTROLLERS`, or the name of one's own."""
+        """The attitude law that flew: one of `CONTROLLERS`, of one's own, or ArduPilot's."""
+        if self.settings.mode == ARDUPILOT:
+            return laws_words(self.settings)
         law = own_laws(self.settings).get(INNER, "")
         return short_name(law) if law else str(self.settings.nodes["inner_loop"]["controller"])
 

@@ -35,7 +35,7 @@ from heli_flight.report.tables import (
 )
 from heli_flight.result import fault_words, mean_wind, versions
 from heli_flight.scenario import NODE_NAME, TABLE
-from heli_flight.settings import NODES
+from heli_flight.settings import NODES, laws_words
 
 # -------------------------------------------------------------------------------------------------
 # Page.
@@ -204,7 +204,7 @@ def _facts(report: Report) -> list[tuple[str, str]]:
         ("Scenario", settings.scenario_name),
         ("World", Path(settings.world).stem),
         ("Flown", f"{report.result.flown_s:.2f} s, {report.how}"),
-        ("Laws", Path(settings.laws).stem),
+        ("Laws", laws_words(settings)),
         ("Attitude law", LAWS.get(report.controller, report.controller)),
         ("Wind", f"{mean_wind(plant)}, {more}"),
         ("GPS", settings.gps),

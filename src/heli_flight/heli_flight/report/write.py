@@ -45,8 +45,9 @@ from heli_flight.report.first_screen import charts_of as first_charts
 from heli_flight.report.page import render
 from heli_flight.report.spectra import spectra_of, spectrum_charts
 from heli_flight.result import Result
-from heli_flight.scoring import score
+from heli_flight.scoring import Figures, score
 from heli_flight.settings import (
+    ARDUPILOT,
     ONE_PROCESS,
     Settings,
     resolve,
@@ -260,13 +261,20 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
         settings=settings,
         result=replace(_result(record, settings, flight, result_json), forged=forged),
         folder=beside if saved.is_file() else bag.with_name(f"{bag.name}_report"),
-        how=f"ROS 2 graph, {result_json['mode']}" if "mode" in result_json else "from a bag",
+        how=_how(result_json),
         events=events_of(flight.remarks, settings),
         missing=missing,
         assumed=not known,
         commit=str(result_json.get("commit", "")),
         remarks=flight.remarks,
     )
+
+
+def _how(result_json: Mapping[str, Any]) -> str:
+    """How a flight with a bag was flown, as far as its result says so."""
+    if result_json.get("mode") == ARDUPILOT:
+        return "by ArduPilot"
+    return f"ROS 2 graph, {result_json['mode']}" if "mode" in result_json else "from a bag"
 
 
 def _of_one_process(folder: Path, choice: BagChoice) -> RecordedFlight:
@@ -416,7 +424,9 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
     for array, words in parts:
         if not np.isfinite(array).any():
             missing.append(f"The bag holds no {words}.")
-    if not np.isfinite(record.reference).any():
+    if settings.mode == ARDUPILOT:
+        missing.append("What ArduPilot wanted is not in its protocol: no reference is shown.")
+    elif not np.isfinite(record.reference).any():
         trajectory = settings.scenario.reference
         rate = settings.rate
         ticks = np.round(record.time_s * rate.hz).astype(int).tolist()
@@ -431,7 +441,9 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
 def _result(
     record: FlightRecord, settings: Settings, flight: BagFlight, result_json: dict[str, Any]
 ) -> Result:
-    figures = score(record, settings.scenario, settings.rate)
+    # Where ArduPilot wanted to be, and where it believed to be, nobody has told.
+    told = settings.mode != ARDUPILOT
+    figures = score(record, settings.scenario, settings.rate) if told else Figures()
     plant_errors = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
     fallen = plant_errors[-1].message if plant_errors else ""
     lost = result_json.get("lost", lost_with_law(fallen, (r.facts for r in flight.remarks)))
