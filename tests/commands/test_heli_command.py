@@ -80,7 +80,7 @@ def test_help_says_what_exit_code_0_means(capsys):
 @pytest.mark.parametrize(
     ("words", "judged"),
     [
-        (("--duration", "30"), "judged: navigation record, 5 to 17.5 s and 25 to 30 s"),
+        (("--duration", "30"), "judged: navigation record, 5 to 18 s and 25 to 30 s"),
         (("--duration", "6", "--gps", "rtk"),
          "judged: navigation record and ground truth, 5 to 6 s"),
     ],
