@@ -150,6 +150,7 @@ def experiment(options: Options) -> dict[str, Any]:
     return {
         "seeds": options.seeds,
         "across_mps": ACROSS_MPS,
+        "flap_back_radpmps": max(one.point.flap_back_radpmps for one in packaged.points),
         "speeds": over_speeds(packaged),
         "bounds": [bound_of(LAWS[0], packaged), *others],
         "flights": [row(ahead, there) for ahead, there in flown],
@@ -200,10 +201,10 @@ def airspeed(results: Results) -> str:
         ]
         for row in record["speeds"]
     ]
-    across = record["across_mps"]
+    across, flap_back = record["across_mps"], record.get("flap_back_radpmps", 0.0015)
     return (
         f"{grid(head, rows)}\n\nModes and margins: the worst of air from the side of "
-        f"{min(across):g} to {max(across):g} m/s and flap-back 0 to 0.0015 rad s/m. "
+        f"{min(across):g} to {max(across):g} m/s and flap-back 0 to {flap_back:.2g} rad s/m. "
         f"{' '.join(map(_shared, record['bounds']))}"
     )
 

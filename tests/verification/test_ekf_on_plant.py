@@ -41,7 +41,8 @@ def test_errors_on_the_plant_are_inside_the_targets(gps):
     gps_rms = np.hypot(plant["sensors.gps.white_m"], plant["sensors.gps.drift_m"])
     limit = gps_rms * np.array([1.0, 1.0, plant["sensors.gps.vertical_factor"]])
     # four seeds are four draws of the drift: its mean square scatters by sqrt(2 / 4)
-    limit *= 1.0 if gps == "rtk" else np.sqrt(1.0 + np.sqrt(2.0 / 4.0))
+    share = (plant["sensors.gps.drift_m"] / gps_rms) ** 2
+    limit *= np.sqrt(1.0 + share * np.sqrt(2.0 / 4.0))
     assert np.all(rms(position) < limit)
     assert np.all(rms(velocity) < 0.1)
     total = np.sqrt(np.mean(np.sum(np.square(attitude), axis=1)))

@@ -14,7 +14,7 @@ from heli_core.rows import PLANT
 from heli_dynamics_sim.aircraft import HelicopterParameters, ModelOptions, lock_number
 from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.main_rotor import bar_per_mps, blade_tilts, rotor_flow
-from heli_dynamics_sim.trim import linearize, trim
+from heli_dynamics_sim.trim import flap_back_in_hover, linearize, trim
 
 STILL = (0.0, 0.0, 0.0)
 OFF = HelicopterParameters.from_yaml("helion.yaml")
@@ -92,6 +92,8 @@ def test_flap_back_of_each_aircraft_is_what_the_readme_says(name, slope):
     blades = blade_tilts(1.0, 0.0, pitch, v_i, k.main.tip_speed, k.flap_back.coning)[0]
     bar = bar_per_mps(v_i, 0.0, k.main.speed, k.flap_back)
     assert blades - bar == pytest.approx(slope, rel=0.016)
+    assert flap_back_in_hover(p) == pytest.approx(blades - bar, rel=1e-9)
+    assert flap_back_in_hover(replace(p, flap_back_radpmps=0.002)) == 0.002
     assert settled_tilt(p, x, (0.1, 0.0, 0.0), 12.0)[0] == pytest.approx(
         0.1 * (blades - bar), rel=1e-3
     )

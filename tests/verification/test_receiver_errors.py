@@ -11,9 +11,11 @@ from scipy import stats
 
 from heli_core.jit import njit
 from heli_core.rows import MEAS
+from heli_dynamics_sim.config import jump_share
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.plant import initial_state
 from heli_dynamics_sim.sensors import step_gps_errors
+from heli_flight.settings import resolve
 
 STILL = {
     "wind__turbulence": False,
@@ -164,3 +166,55 @@ def test_jumps_are_a_poisson_process(plant_config):
     lag = 50  # the mean time: 1/e of them have not jumped
     kept = (north[lag:] == north[:-lag]).mean()
     assert kept == pytest.approx(np.exp(-1.0), abs=0.03)
+
+
+def test_jumps_that_end_are_rare_events_with_a_rate_and_a_length(plant_config):
+    """Two-state chain, as the outages': share of the time, lengths, and a size that stays."""
+    jump = {"sensors__gps__jump__sigma_m": 0.1, "sensors__gps__jump__interval_s": 40.0,
+            "sensors__gps__jump__duration_s": 8.0}  # fmt: skip
+    n = 400_000
+    _, _, north = run_gps(plant_config(**STILL, **jump), n)
+    wrong = north != 0.0
+    edges = np.flatnonzero(np.diff(wrong)) + 1
+    begins, ends = edges[wrong[edges]], edges[~wrong[edges]]
+    lengths = (
+        0.2 * (ends[1:] - begins[: ends.size - 1])
+        if wrong[0]
+        else 0.2 * (ends - begins[: ends.size])
+    )
+    count = begins.size
+    assert abs(wrong.mean() / (8.0 / 48.0) - 1.0) < SIGMAS * np.sqrt(2.0 / count)
+    assert lengths.mean() == pytest.approx(8.0, rel=SIGMAS / np.sqrt(count) + 0.03)
+    assert np.diff(north[wrong]).astype(bool).sum() <= count
+    sizes = north[begins]
+    assert abs(sizes.std() / 0.1 - 1.0) < SIGMAS / np.sqrt(2.0 * sizes.size)
+
+
+def test_a_flight_begins_with_a_wrong_fix_as_often_as_one_is_there(plant_config):
+    """800 flights with a share of a sixth; without an end each begins with one."""
+    ending = {"sensors__gps__jump__sigma_m": 0.1, "sensors__gps__jump__interval_s": 40.0,
+              "sensors__gps__jump__duration_s": 8.0}  # fmt: skip
+    config = plant_config(**STILL, **ending)
+    began = [initial_state(config, seed).sensors.gps.jump.any() for seed in range(800)]
+    share = 8.0 / 48.0
+    assert abs(np.mean(began) - share) < SIGMAS * np.sqrt(share * (1.0 - share) / 800)
+    staying = plant_config(**STILL, **(ending | {"sensors__gps__jump__duration_s": 0.0}))
+    assert all(initial_state(staying, seed).sensors.gps.jump.any() for seed in range(10))
+
+
+def test_the_rtk_grade_has_the_error_of_its_data_sheet():
+    """Fixed solution: 0.01 m CEP is 0.0085 m each axis, 0.01 m R50 is 0.0148 m; wrong fixes are
+    there for less than a hundredth of the time."""
+    plant = resolve("hover", "rtk", world="honest").nodes["plant"]
+    gps = {key: plant[f"sensors.gps.{key}"] for key in (
+        "white_m", "drift_m", "multipath.sigma_m", "vertical_factor", "jump.interval_s",
+        "jump.duration_s",
+    )}  # fmt: skip
+    level = np.linalg.norm([gps["white_m"], gps["drift_m"], gps["multipath.sigma_m"]])
+    assert level == pytest.approx(0.01 / np.sqrt(2.0 * np.log(2.0)), rel=0.03)
+    vertical = level * gps["vertical_factor"]
+    assert vertical == pytest.approx(0.01 / stats.norm.ppf(0.75), rel=0.03)
+    assert 0.0 < jump_share(gps["jump.interval_s"], gps["jump.duration_s"]) < 0.01
+    alone = resolve("hover", "rtk", world="paper").nodes["plant"]
+    both = np.hypot(alone["sensors.gps.white_m"], alone["sensors.gps.drift_m"])
+    assert both == pytest.approx(0.01 / np.sqrt(2.0 * np.log(2.0)), rel=0.03)

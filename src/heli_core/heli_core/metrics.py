@@ -247,9 +247,7 @@ def path_errors(pos_ned_m: Array, q_nb: Array, reference: Array) -> dict[str, Ar
 # Figures of a flight's climb: overshoot, time to the new height, lag behind the command.
 #
 # The paper climbs at 2.5 m/s between two hovers and gives no figure for it, so none of these has a
-# bound. They are taken from the height beside the reference **as commanded**, which starts and
-# stops
-# at once.
+# bound. They are taken from the height beside the reference as commanded.
 # -------------------------------------------------------------------------------------------------
 
 OVERSHOOT_S = 10.0

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from heli_core.jit import copy, fill, njit
 from heli_core.rows import REFERENCE
-from heli_core.ticks import NS_PER_S
 
 MAX_POINTS = 4096
 
@@ -64,25 +63,6 @@ class Trajectory:
     def hover(cls, pos_ned_m: NDArray[np.float64], psi_rad: float) -> "Trajectory":
         """Stand at pos_ned_m (3,) with heading psi_rad."""
         return cls(0, np.zeros(1, np.int64), np.r_[pos_ned_m, 0.0, 0.0, 0.0, psi_rad][None])
-
-    @classmethod
-    def hover_climb_hover(
-        cls,
-        pos_ned_m: NDArray[np.float64],
-        psi_rad: float,
-        start_s: float,
-        end_s: float,
-        climb_mps: float,
-    ) -> "Trajectory":
-        """The paper's hover test: hover, climb from start_s to end_s, hover higher up."""
-        low = np.asarray(pos_ned_m, float)
-        high = low + np.array([0.0, 0.0, -climb_mps * (end_s - start_s)])
-        times = np.round(np.array([0.0, start_s, end_s]) * NS_PER_S).astype(np.int64)
-        points = np.zeros((3, REFERENCE.size))
-        points[:2, REFERENCE.pos], points[2, REFERENCE.pos] = low, high
-        points[1, REFERENCE.down_vel] = -climb_mps
-        points[:, REFERENCE.psi] = psi_rad
-        return cls(0, times, points)
 
     def at(self, stamp_ns: int) -> NDArray[np.float64]:
         """The reference (7,) at a stamp, ns."""

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from heli_core.trajectory import Trajectory, TrajectoryError
+from support.step_climb import step_climb
 
 S = 1_000_000_000
 
 
 def test_reference_of_the_hover_test():
-    trajectory = Trajectory.hover_climb_hover(np.array([1.0, 2.0, -10.0]), 0.5, 18.0, 22.0, 2.5)
+    trajectory = step_climb(np.array([1.0, 2.0, -10.0]), 0.5, 18.0, 22.0, 2.5)
     later = replace(trajectory, start_ns=5 * S)
     for t_s, z, v_z in ((0, -10, 0), (17.99, -10, 0), (18, -10, -2.5), (20, -15, -2.5),
                         (22, -20, 0), (59, -20, 0), (-1, -10, 0)):  # fmt: skip

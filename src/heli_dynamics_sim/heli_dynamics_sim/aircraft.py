@@ -395,7 +395,10 @@ def helicopter_params(p: "HelicopterParameters") -> HelicopterParams:
             p.tail_pitch_max_rad if limited else math.inf,
         ),
         fuselage=FuselageParams(
-            half_rho * p.drag_area_x_m2, half_rho * p.drag_area_y_m2, half_rho * p.drag_area_z_m2
+            half_rho * p.drag_area_x_m2,
+            half_rho * p.drag_area_y_m2,
+            half_rho * p.drag_area_z_m2,
+            half_rho * p.wash_area_y_m2,
         ),
         horizontal_fin=FinParams(
             half_rho * p.hfin_area_m2, p.hfin_lift_slope, p.hfin_arm_m, 0.0, *stall
@@ -700,6 +703,9 @@ class HelicopterParameters(DriveParameters):
     drag_area_z_m2: float = number(
         "fuselage.drag_area_z_m2", "S_fz", "m2", 0.0, 10.0, "drag area, top", closed=True
     )
+    wash_area_y_m2: float = number(
+        "fuselage.wash_area_y_m2", "S_wy", "m2", 0.0, 10.0, "side, in the downwash", closed=True
+    )
     hfin_area_m2: float = number(
         "horizontal_fin.area_m2", "S_hf", "m2", 0.0, 5.0, "area", closed=True
     )
@@ -877,7 +883,7 @@ SCALED: Mapping[str, tuple[str, ...]] = {
     # The thrust map, T = slope (blade speed - inflow): its slope is proportional to this one.
     "thrust": ("main_lift_slope",),
     "servo_speed": ("servo_bandwidth_radps", "servo_rate_limit_per_s"),
-    "drag": ("drag_area_x_m2", "drag_area_y_m2", "drag_area_z_m2"),
+    "drag": ("drag_area_x_m2", "drag_area_y_m2", "drag_area_z_m2", "wash_area_y_m2"),
 }
 """Per scale what it multiplies. One factor for the three inertias: they stay a rigid body's."""
 

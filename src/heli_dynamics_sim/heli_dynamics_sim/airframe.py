@@ -5,8 +5,17 @@ Source: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6. The 
 fin from its unstalled to its stalled law at |v| = 0.3 |u|, where the force would jump by a factor
 of almost ten; here the two are blended by a cubic between 0.3 and a second ratio (a parameter),
 so the force is continuous.
+
+The source's drag is `-rho/2 S v max(|v_i|, |v|)` along each axis. One area cannot hold two numbers:
+with the one that gives the damping of hover, v_i v, the drag of a side wind, v^2, is four times
+that of a helicopter of this size. So the side force has two areas and Gavrilets' speed at the
+fuselage, `sqrt(v^2 + v_i^2)` (Dynamic Model for a Miniature Aerobatic Helicopter, Handbook of
+Unmanned Aerial Vehicles, Springer 2015), whose law it is where both are the same:
+
+    Y = -rho/2 v sqrt((S_wy v_i)^2 + (S_fy v)^2).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +36,7 @@ class FuselageParams(NamedTuple):
     x: float
     y: float
     z: float
+    wash_y: float  # of side motion in the downwash
 
 
 class FinParams(NamedTuple):
@@ -46,7 +56,7 @@ def fuselage_force(u_a, v_a, w_a, v_i, k):
     w_f = w_a - v_i
     wash = abs(v_i)
     x = -k.x * u_a * max(wash, abs(u_a))
-    y = -k.y * v_a * max(wash, abs(v_a))
+    y = -v_a * math.hypot(k.wash_y * wash, k.y * v_a)
     z = -k.z * w_f * max(wash, abs(w_f))
     return x, y, z
 

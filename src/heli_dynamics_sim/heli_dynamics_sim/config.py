@@ -185,12 +185,12 @@ def _gps_errors(get: _Get, axes: Any) -> GpsErrorParams:
             key="sensors.gps.satellites.blocked_s",
         )
     between_s, out_s = get("gps.outage.interval_s"), get("gps.outage.duration_s")
-    begin = end = 0.0
-    if between_s > 0.0:
-        # a two-state chain in continuous time, sampled once a period
-        rates = 1.0 / between_s + 1.0 / out_s
-        moved = -math.expm1(-rates * period_s) / rates
-        begin, end = moved / between_s, moved / out_s
+    begin, end = _chain(between_s, out_s, period_s) if between_s > 0.0 else (0.0, 0.0)
+    jump_s, lasting_s = get("gps.jump.interval_s"), get("gps.jump.duration_s")
+    jumps, jump_ends, jumped = -math.expm1(-period_s / jump_s), 0.0, 1.0
+    if lasting_s > 0.0:
+        jumps, jump_ends = _chain(jump_s, lasting_s, period_s)
+        jumped = jump_share(jump_s, lasting_s)
     on = multipath > 0.0 or jump > 0.0 or blocked > 0.0 or between_s > 0.0 or latency_s > 0.0
     return GpsErrorParams(
         on,
@@ -202,10 +202,27 @@ def _gps_errors(get: _Get, axes: Any) -> GpsErrorParams:
         period_s / blocked_s if blocked > 0.0 else 0.0,
         begin,
         end,
-        -math.expm1(-period_s / get("gps.jump.interval_s")) if jump > 0.0 else 0.0,
+        jumps if jump > 0.0 else 0.0,
+        jump_ends,
+        jumped,
         jump * axes,
         latency_s,
     )
+
+
+def _chain(between_s: float, lasting_s: float, period_s: float) -> tuple[float, float]:
+    """Probabilities a period that what comes and goes at constant rates begins, and that it ends.
+
+    A chain of two states in continuous time, sampled once a period.
+    """
+    rates = 1.0 / between_s + 1.0 / lasting_s
+    moved = -math.expm1(-rates * period_s) / rates
+    return moved / between_s, moved / lasting_s
+
+
+def jump_share(interval_s: float, duration_s: float) -> float:
+    """Part of the time for which a jump of the GPS lasts; all of it where it ends with the next."""
+    return duration_s / (interval_s + duration_s) if duration_s > 0.0 else 1.0
 
 
 def message_variances(v: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
@@ -226,7 +243,9 @@ def message_variances(v: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
     level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
     if v["sensors.gps.covariance"] == "honest":
-        level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
+        share = jump_share(v["sensors.gps.jump.interval_s"], v["sensors.gps.jump.duration_s"])
+        level += v["sensors.gps.multipath.sigma_m"] ** 2
+        level += share * v["sensors.gps.jump.sigma_m"] ** 2
     return {
         "imu": (gyro**2 / tick_s, accel**2 / tick_s),
         "gps": ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),

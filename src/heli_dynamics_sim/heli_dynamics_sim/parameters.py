@@ -167,6 +167,7 @@ SENSORS: tuple[Parameter, ...] = (
     ),
     real("sensors.gps.jump.sigma_m", "Error that jumps, horizontal", "m", 0.0, 100.0),
     real("sensors.gps.jump.interval_s", "Mean time between jumps", "s", 0.1, 1e6),
+    real("sensors.gps.jump.duration_s", "Mean length; 0: until the next", "s", 0.0, 1e6),
     row(
         "sensors.gps.covariance",
         "string",

@@ -3,7 +3,9 @@
 
 At tick n: `measure` brings the wind to n and reads the sensors, the controllers act, `advance`
 carries the aircraft to n + 1 with the command of n - delay_ticks. Wind and command are held during
-a tick. `measure` is called once per tick, in order, and does not depend on the command of its tick.
+a tick; at the step from one tick's wind to the next sensors read what is between the two, so that
+the mean of two samples is the mean over the tick. `measure` is called once per tick, in order, and
+does not depend on the command of its tick.
 """
 
 import math
@@ -13,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_core.errors import PlantConfigError
-from heli_core.jit import by_reference, njit, scratch
+from heli_core.jit import by_reference, copy, njit, scratch
 from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
 from heli_dynamics_sim.airframe import attitude_of
 from heli_dynamics_sim.config import PlantConfig, PlantParams
@@ -77,7 +79,7 @@ _SENTENCES = {
     PlantStatus.FLEW_AWAY: "The aircraft flew away: it left the allowed distance from its start.",
     PlantStatus.NOT_FINITE: "The aircraft's state is not finite: a command or parameter broke it.",
 }
-_N_ACTUATOR = ACTUATOR.size
+_N_ACTUATOR, _N_AIR = ACTUATOR.size, AIR.size
 _GAINS = ONCE.gains.stop - ONCE.gains.start
 _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in PlantStatus)
 
@@ -89,6 +91,7 @@ class PlantState(NamedTuple):
     x: np.ndarray  # (42,) aircraft, places of `rows.PLANT`
     turbulence: AirState  # and the random gusts of the flight
     air: np.ndarray  # (12,) what the air does at the aircraft, places of `rows.AIR`
+    air_before: np.ndarray  # (12,) the same during the tick before
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
     work: np.ndarray  # (5, 42) scratch
@@ -142,6 +145,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         x,
         initial_air(k.wind, altitude_m, wind_rows, seed, k.tick_s),
         same_air(mean_wind),
+        np.zeros(AIR.size),
         sensors,
         np.tile(start.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
         np.zeros((WORK_ROWS, PLANT.size)),
@@ -182,6 +186,7 @@ def _begin_to_move(share, air):
 @njit
 def meet_air(state, tick, noise_row, k):
     """Bring the wind to a tick, into `state.air`; arguments as of `measure`."""
+    copy(state.air_before, state.air)
     if tick > 0 and k.wind.turbulence:
         altitude_m = -state.x[PLANT.down]
         step_air(state.turbulence, altitude_m, k.tick_s, noise_row, k.wind)
@@ -191,13 +196,18 @@ def meet_air(state, tick, noise_row, k):
     if tick * k.tick_s < k.onset_s:
         _begin_to_move(tick * k.tick_s / k.onset_s, state.air)
     add_gusts(tick, k.faults, state.air)
+    if tick == 0:
+        copy(state.air_before, state.air)
 
 
 @njit
 def read(state, tick, noise_row, k, y):
-    """Read the sensors in the air of `state.air`; arguments as of `measure`."""
-    aircraft = _aircraft_now(state, k)
-    read_sensors(state.sensors, tick, state.x, state.air, noise_row, aircraft, k.sensors, y)
+    """Read the sensors between the air of the tick before and `state.air`; arguments as of
+    `measure`."""
+    aircraft, air = _aircraft_now(state, k), scratch(_N_AIR)
+    for i in range(AIR.size):
+        air[i] = 0.5 * (state.air_before[i] + state.air[i])
+    read_sensors(state.sensors, tick, state.x, air, noise_row, aircraft, k.sensors, y)
     spoil_sensors(state.faults, tick, noise_row, k.faults, y)
     wind, around = y[MEAS.wind], state.air[AIR.fuselage]
     for i in range(3):

@@ -175,8 +175,9 @@ def clip(k, motion):
 #   (Langley, Dilution of Precision, GPS World 10(5), 1999). Fewer than 4 give no fix.
 # - Outages begin and end at constant rates: a two-state Markov chain.
 # - Jumps: at the instants of a Poisson process the position gets another constant error, drawn
-# anew
-#   (other satellites, a wrong set of ambiguities).
+# anew.
+#   It stays until the next one (other satellites), or ends at a constant rate (a wrong set of
+#   ambiguities, which the receiver's own check then refuses): the chain of the outages.
 # - Timing: the fix was true a little before or after its stamp. That is how jitter of the latency
 #   enters where the receiver's pulse does not set the host's clock: the host takes the nominal age
 #   (PX4's EKF2_GPS_DELAY, ArduPilot's GPS1_DELAY_MS).
@@ -199,7 +200,9 @@ class GpsErrorParams(NamedTuple):
     release: float  # probability per blocked one that it comes back
     outage_begin: float  # probability
     outage_end: float  # probability
-    jump: float  # probability
+    jump: float  # probability; of one that ends, while there is none
+    jump_end: float  # probability that one ends; 0.0: they stay until the next one
+    jump_at_start: float  # probability that there is one
     jump_m: np.ndarray  # (3,) NED, sigma
     latency_s: float  # sigma of the instant of validity about the stamp
 
@@ -209,7 +212,7 @@ class GpsErrorState(NamedTuple):
     """What stays from fix to fix."""
 
     multipath: np.ndarray  # (3,) NED, m, with all satellites in the open
-    jump: np.ndarray  # (3,) NED, m
+    jump: np.ndarray  # (3,) NED, m; zeros: there is none
     blocked: np.ndarray  # (1,) satellites
     out: np.ndarray  # (1,) 1.0 in an outage
 
@@ -243,12 +246,16 @@ def step_gps_errors(state, noise, k):
     """
     fresh, jumped = noise[NOISE.gps_multipath], noise[NOISE.gps_jump]
     kept = math.sqrt(1.0 - k.multipath_decay * k.multipath_decay)
-    jumps = uniform(noise[NOISE.gps_jump_now]) < k.jump
+    draw = uniform(noise[NOISE.gps_jump_now])
+    lasts = k.jump_end > 0.0 and state.jump[0] != 0.0
+    jumps, ends = not lasts and draw < k.jump, lasts and draw < k.jump_end
     for i in range(3):
         state.multipath[i] *= k.multipath_decay
         state.multipath[i] += kept * k.multipath_m[i] * fresh[i]
         if jumps:
             state.jump[i] = k.jump_m[i] * jumped[i]
+        elif ends:
+            state.jump[i] = 0.0
     draw, blocked = uniform(noise[NOISE.gps_satellites]), state.blocked[0]
     if draw < k.block:
         state.blocked[0] = min(blocked + 1.0, float(k.satellites))
@@ -803,9 +810,10 @@ def _gps_errors(k: GpsErrorParams, first: NDArray[np.float64]) -> GpsErrorState:
         draw -= part
         blocked += 1
         part *= k.blocked / blocked
+    jumped = uniform(first[NOISE.gps_jump_now]) < k.jump_at_start
     return GpsErrorState(
         multipath=k.multipath_m * first[NOISE.gps_multipath],
-        jump=k.jump_m * first[NOISE.gps_jump],
+        jump=k.jump_m * first[NOISE.gps_jump] if jumped else np.zeros(3),
         blocked=np.array([float(blocked)]),
         out=np.zeros(1),
     )

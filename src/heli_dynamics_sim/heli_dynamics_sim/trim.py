@@ -21,6 +21,7 @@ from heli_dynamics_sim.aircraft import (
 )
 from heli_dynamics_sim.airframe import STEP_S, make_state
 from heli_dynamics_sim.helicopter import WORK_ROWS, airspeed, derivative_kernel, rk4_step, same_air
+from heli_dynamics_sim.main_rotor import bar_per_mps, blade_tilts, rotor_flow
 
 if TYPE_CHECKING:
     import control
@@ -222,6 +223,20 @@ def trim(
     x, u = problem.expand(z)
     x[PLANT.down] = 0.0
     return TrimPoint(x, u, float(np.abs(f).max()), wind)
+
+
+def flap_back_in_hover(aircraft: HelicopterParameters) -> float:
+    """Settled tilt of the disc per air speed across it in still-air hover, rad s/m: da_s/du.
+
+    The constant of the aircraft's file, else what blades and stabiliser bar have together by the
+    term `flap_back`.
+    """
+    if aircraft.flap_back_radpmps > 0.0:
+        return aircraft.flap_back_radpmps
+    k, x = aircraft.params, trim(aircraft).x
+    _, v_i, w_r, pitch = rotor_flow(x, (0.0, 0.0, 0.0), k)
+    blades, _ = blade_tilts(1.0, 0.0, pitch, v_i - w_r, k.main.tip_speed, k.flap_back.coning)
+    return float(blades - bar_per_mps(v_i, w_r, k.main.speed, k.flap_back))
 
 
 def _first_guess(params: HelicopterParameters) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ def test_fuselage_drag_opposes_the_flow(helicopter):
     k = helicopter.params.fuselage
     x, y, z = fuselage_force(10.0, -8.0, 0.0, 5.0, k)
     assert x == pytest.approx(-0.5 * 1.29 * 0.103 * 100.0)
-    assert y == pytest.approx(0.5 * 1.29 * 0.9 * 64.0)
+    assert y == pytest.approx(0.5 * 1.29 * 8.0 * np.hypot(k.wash_y / 0.645 * 5.0, 0.22 * 8.0))
     assert z == pytest.approx(0.5 * 1.29 * 0.084 * 25.0)  # the downwash pushes it down
 
 

@@ -65,7 +65,7 @@ def loads(p, airs, rates, a_s, b_s, d_col, tail_pitch):
     T_tr, _ = rotor(p, tail, vt - r * D + pp * H, (wt + q * D) ** 2 + ut**2, tail_pitch)
     wf = wf - v_i
     X = -rho / 2 * p.drag_area_x_m2 * uf * max(v_i, abs(uf))
-    Y = -rho / 2 * p.drag_area_y_m2 * vf * max(v_i, abs(vf))
+    Y = -rho / 2 * vf * np.hypot(p.wash_area_y_m2 * v_i, p.drag_area_y_m2 * vf)
     Z = -rho / 2 * p.drag_area_z_m2 * wf * max(v_i, abs(wf))
     side = fin(p, p.vfin_area_m2, p.vfin_lift_slope, vt - r * p.vfin_arm_m, ut)
     lift = fin(p, p.hfin_area_m2, p.hfin_lift_slope, wt + q * p.hfin_arm_m - v_i, ut)

@@ -157,7 +157,7 @@ def test_gps_presets_set_the_gps_and_nothing_else(preset):
         assert got == [0.3, 1.0, 0.1]
     else:
         assert changed <= {key for key in base if key.startswith("sensors.gps.")}
-        assert got == [0.015, 0.01, 0.03]
+        assert got == [0.006, 0.006, 0.03]
 
 
 GRADES = ["sensors_consumer", "sensors_industrial", "sensors_rtk"]

@@ -18,7 +18,7 @@ SCALES = {
     "rotor_stiffness": {"hub_stiffness_nmprad"},
     "thrust": {"main_lift_slope"},
     "servo_speed": {"servo_bandwidth_radps", "servo_rate_limit_per_s"},
-    "drag": {"drag_area_x_m2", "drag_area_y_m2", "drag_area_z_m2"},
+    "drag": {"drag_area_x_m2", "drag_area_y_m2", "drag_area_z_m2", "wash_area_y_m2"},
 }
 
 

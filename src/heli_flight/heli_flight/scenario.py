@@ -465,9 +465,26 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         "heading_deg", "double", "Heading to hold, 0 is north", "deg", lower=-180.0, upper=180.0
     ),
-    Parameter("climb.start_s", "double", "Start of the climb", "s", lower=0.0),
-    Parameter("climb.end_s", "double", "End of the climb; as start: no climb", "s", lower=0.0),
+    Parameter("climb.start_s", "double", "When the climb is commanded", "s", lower=0.0),
+    Parameter(
+        "climb.end_s",
+        "double",
+        "When the end of the climb is commanded; as start: no climb",
+        "s",
+        lower=0.0,
+    ),
     Parameter("climb.speed_mps", "double", "Climb speed", "m/s", lower=-3.0, upper=5.0),
+    Parameter(
+        "climb.acceleration_mps2",
+        "double",
+        "Largest acceleration of the climb",
+        "m/s2",
+        lower=0.05,
+        upper=8.0,
+    ),
+    Parameter(
+        "climb.jerk_mps3", "double", "Largest jerk of the climb", "m/s3", lower=0.05, upper=50.0
+    ),
     *PATH_ROWS,
     Parameter(
         "score.windows_s",
@@ -538,10 +555,8 @@ class Scenario:
         if p["path.kind"] != CLIMB:
             reference = path_of(start, heading, p)
             _check_length(reference, n_ticks)
-        elif p["climb.end_s"] > p["climb.start_s"]:
-            reference = Trajectory.hover_climb_hover(
-                start, heading, p["climb.start_s"], p["climb.end_s"], p["climb.speed_mps"]
-            )
+        elif p["climb.end_s"] > p["climb.start_s"] and p["climb.speed_mps"] != 0.0:
+            reference = climb_of(start, heading, p)
         else:
             reference = Trajectory.hover(start, heading)
         own = {key.removeprefix(BOUNDS): p[key] for key in p if key.startswith(BOUNDS)}
@@ -557,6 +572,25 @@ class Scenario:
         windows = np.clip(self.windows_s, begin_s, end_s)
         windows = windows[windows[:, 1] > windows[:, 0]]
         return replace(self, begin_s=begin_s, n_ticks=ticks_in(end_s), windows_s=windows)
+
+
+def climb_of(start_ned_m: NDArray[np.float64], psi_rad: float, p: Mapping[str, Any]) -> Trajectory:
+    """Hover, climb, hover: nothing of it moves before the climb is commanded.
+
+    Its height is its speed times the time between the commands that begin and end it. Speed,
+    acceleration and jerk are limited (`heli_outer_pd.guidance.transfer`), so it stands at the new
+    height `speed / acceleration + acceleration / jerk` after the second one.
+    """
+    speed, limits = p["climb.speed_mps"], MotionLimits.from_parameters(p, "path")
+    limits = replace(
+        limits,
+        climb_mps=abs(speed),
+        acceleration_mps2=p["climb.acceleration_mps2"],
+        jerk_mps3=p["climb.jerk_mps3"],
+    )
+    top = start_ned_m - [0.0, 0.0, speed * (p["climb.end_s"] - p["climb.start_s"])]
+    path = FlightPath(start_ned_m, psi_rad, limits).stay(p["climb.start_s"])
+    return path.go_to(top).trajectory()
 
 
 def _check_length(reference: Trajectory, n_ticks: int) -> None:

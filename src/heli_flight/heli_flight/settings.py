@@ -382,6 +382,7 @@ def layered(
     user: Sequence[ParameterFile] = (),
     seed: int | None = None,
     laws: str = PACKAGED,
+    overrides: Mapping[str, Any] | None = None,
 ) -> Layered:
     """Read and check the layers.
 
@@ -396,6 +397,9 @@ def layered(
         Draws what the world lets it draw; default: the plant's.
     laws : str
         Packaged laws, or the path of some.
+    overrides : mapping, optional
+        Of the section `world`, stronger than all files: what is drawn and which sensors fly follow
+        from that section.
 
     Raises
     ------
@@ -415,6 +419,7 @@ def layered(
 
     take(scenario_table.NODE_NAME, [read(config_folder(PACKAGE) / "scenario.yaml")])
     take(WORLD_SECTION, around)
+    _override(WORLD_SECTION, values[WORLD_SECTION], overrides or {})
     # One file tells the plant and the observer.
     sensors = config_folder("heli_dynamics_sim")
     sensors /= f"sensors_{values[WORLD_SECTION][f'sensors.{gps}']}.yaml"
@@ -1206,7 +1211,8 @@ def resolve(
     process_faults_of(broken)
     wanted = Packaged(name, receiver, around, control, drawn_by)
     fitting = [without_packaged(defaults, read, wanted) for defaults in user]
-    layers = layered(read, name, receiver, around, fitting, drawn_by, control)
+    in_world = (overrides or {}).get(WORLD_SECTION)
+    layers = layered(read, name, receiver, around, fitting, drawn_by, control, in_world)
     values = _over(layers, fitting, line, options, overrides or {})
     unread = _unread(read, values["inner_loop"], fitting, overrides or {})
     by_hand = [one for one, file in zip(fitting, user, strict=True) if "commit" not in file.section]
@@ -1356,8 +1362,7 @@ def _over(
     for section, changes in overrides.items():
         if section not in TABLES:
             raise ParameterError(f"override of unknown node {section}")
-        for key, value in changes.items():
-            _set(section, values[section], key, value, f"override of {section}")
+        _override(section, values[section], changes)
     check_agreement(values)
     check_rate(values)
     check_ground(values)
@@ -1408,6 +1413,12 @@ def _scenario(
         return scenario
     ground = PlantConfig.from_parameters(values["plant"]).params.aircraft.ground
     return replace(scenario, gear=Gear(ground, values["outer_loop"]["takeoff.height_m"]))
+
+
+def _override(section: str, values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Put the overrides of a section over its values."""
+    for key, value in changes.items():
+        _set(section, values, key, value, f"override of {section}")
 
 
 def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:

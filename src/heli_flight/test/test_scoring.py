@@ -69,7 +69,7 @@ def test_errors_are_measured_in_the_heading_frame():
 
 @pytest.mark.parametrize(
     ("time_s", "counted"),
-    [(4.99, False), (5.0, True), (17.49, True), (17.5, False), (24.99, False), (25.0, True),
+    [(4.99, False), (5.0, True), (17.99, True), (18.0, False), (24.99, False), (25.0, True),
      (59.99, True)],
 )  # fmt: skip
 def test_only_the_hover_phases_count(time_s, counted):
@@ -80,10 +80,24 @@ def test_only_the_hover_phases_count(time_s, counted):
     assert scores["lateral", "truth"].inside is not counted
 
 
-def test_climb_is_measured_about_the_reference():
+def test_the_climb_is_one_that_can_be_flown_and_nothing_of_it_is_before_its_command():
+    """Still until 18 s, at 20 m at 23.5 s: 2.5 m/s in 1 s at 2.5 m/s2, and 0.5 s for 5 m/s3."""
     trajectory = scenario().reference
-    assert trajectory.points[1, 5] == -2.5
-    np.testing.assert_allclose(trajectory.points[:, 2], [-10, -10, -20])
+    t = np.arange(0.0, 30.0, 0.04)
+    rows = np.array([trajectory.at(round(s * 1e9)) for s in t])
+    height, climb = -rows[:, 2], -rows[:, 5]
+    np.testing.assert_array_equal(height[t <= 18.0], 10.0)
+    assert height[t > 18.03][0] > 10.0
+    np.testing.assert_allclose(height[t >= 23.5], 20.0, atol=1e-9)
+    assert height[t < 23.4][-1] < 20.0 and np.all(np.diff(height) >= -1e-9)
+    assert climb.max() == pytest.approx(2.5, abs=1e-6)
+    acceleration = np.diff(climb) / 0.04
+    assert np.abs(acceleration).max() < 2.5 + 1e-6
+    assert np.abs(np.diff(acceleration) / 0.04).max() < 5.0 + 1e-3
+    # Speed times the time between the two commands, whichever way.
+    down = scenario(**{"climb.speed_mps": -1.0}).reference
+    assert down.points[-1, 2] == pytest.approx(-6.0)
+    assert len(scenario(**{"climb.speed_mps": 0.0}).reference.points) == 1
 
 
 def test_attitude_errors_in_degrees():
@@ -109,7 +123,7 @@ def of(flight, gps="standalone", lost="", **order):
 
 @pytest.mark.parametrize(
     ("end_s", "gap_s", "share"),
-    [(4.0, (4.0, 60.0), 0.0), (21.0, (21.0, 60.0), 12.5 / 47.5), (59.5, (59.5, 60.0), 47.0 / 47.5)],
+    [(4.0, (4.0, 60.0), 0.0), (21.0, (21.0, 60.0), 13.0 / 48.0), (59.5, (59.5, 60.0), 47.5 / 48.0)],
 )
 def test_a_record_that_ends_early_is_partial(end_s, gap_s, share):
     """A disk that is full at 21 s says nothing of 25 to 60 s."""
@@ -199,7 +213,7 @@ def test_the_climb_is_measured_against_the_reference_as_commanded():
     reference = np.array([trajectory.at(tick * 10_000_000) for tick in range(6000)])
     pos = np.tile([0.0, 0.0, -10.0], (6000, 1))
     scores = by_key(score(record(nav_pos_ned_m=pos, reference=reference), scenario()), WHOLE)
-    assert scores["v_z", "navigation"].max == 2.5
+    assert scores["v_z", "navigation"].max == pytest.approx(2.5)
     assert scores["altitude", "navigation"].max == pytest.approx(10.0)
 
 

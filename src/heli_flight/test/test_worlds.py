@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from heli_core.command_line import config_folder
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import REFERENCE
 from heli_dynamics_sim.config import PlantConfig
@@ -91,6 +92,28 @@ def test_what_a_file_or_an_override_says_is_not_drawn(tmp_path):
         overridden.nodes["plant"]["delay_ticks"]
         == overridden.with_seed(8).nodes["plant"]["delay_ticks"]
     )
+
+
+def test_what_an_override_of_the_world_draws_is_flown_and_which_sensors_it_has():
+    """Not reported alone: the plant has it, another seed draws another one, the grade is flown."""
+    width = {"draw.mass": 0.3, "sensors.rtk": "industrial"}
+    settings = resolve("hover", "rtk", seed=5, world="honest", overrides={"world": width})
+    asked = Draw("scale.mass", 1.0, 0.3)
+    for seed in (5, 6):
+        flown = settings.with_seed(seed)
+        assert flown.nodes["plant"]["scale.mass"] == asked.value(seed)
+        config = PlantConfig.from_parameters(flown.nodes["plant"])
+        assert config.helicopter.mass_kg == pytest.approx(9.75 * asked.value(seed))
+    none = {f"draw.{key.removeprefix('scale.')}": 0.0 for key in DRAWN[:5]}
+    none["draw.delay_ticks"] = 0
+    still = resolve("hover", "rtk", seed=5, world="honest", overrides={"world": none})
+    assert still.drawn == {} and set(drawn(still).values()) == {1.0}
+    grade = config_folder("heli_dynamics_sim") / "sensors_industrial.yaml"
+    named = resolve("hover", "rtk", seed=5, params=[grade]).nodes
+    for node, section in (("plant", "sensors."), ("observer", "ekf.imu")):
+        same = {key for key in named[node] if key.startswith(section)}
+        for key in same:
+            assert np.array_equal(settings.nodes[node][key], named[node][key]), key
 
 
 def test_a_world_of_ones_own_says_only_what_differs(tmp_path):

@@ -14,7 +14,7 @@ from heli_core.errors import CausedError
 from heli_core.jit import copy, fill, njit, scratch
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, REFERENCE, SHAPED
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory, reference_at
 from heli_outer_pd.disturbance import flown_acceleration_ned, flyable, hover_share
 from heli_outer_pd.guidance.paths import STEP_S
@@ -73,6 +73,17 @@ def turn_rate_at(time_ns, times_ns, points):
         return 0.0
     least = first if abs(first) < abs(second) else second
     return least / (_TURN_NS * 1e-9)
+
+
+def shaping_window_ns(values: Mapping[str, Any]) -> int:
+    """Window over which the law averages the reference, ns, from the outer loop's parameters.
+
+    Of a reference that is not known ahead (`reference_preview`) it is one step of the law, which
+    its acceleration is the difference over: half a step lies ahead of now.
+    """
+    window_ns = round(values["reference_shaping_s"] * NS_PER_S)
+    step_ns = values["period_ticks"] * TICK_NS
+    return window_ns if values["reference_preview"] else min(window_ns, step_ns)
 
 
 def foreseen_ns(window_ns: int) -> int:

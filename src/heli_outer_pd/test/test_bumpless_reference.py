@@ -13,9 +13,10 @@ from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.reference import fill_offset, moved
+from support.step_climb import step_climb
 
 HERE = np.array([1.5, -0.7, -10.9])
-CLIMB = Trajectory.hover_climb_hover(np.array([0.0, 0.0, -10.0]), 0.3, 0.02, 4.0, 2.5)
+CLIMB = step_climb(np.array([0.0, 0.0, -10.0]), 0.3, 0.02, 4.0, 2.5)
 
 
 def nav_at(position):

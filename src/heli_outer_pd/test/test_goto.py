@@ -23,12 +23,13 @@ from heli_outer_pd.goto import Goto
 from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, shaped_reference_at
+from support.step_climb import step_climb
 
 VALUES = OuterLoopNode.SPEC.resolve()
 GOTO = Goto.from_parameters(VALUES)
 START = np.array([0.0, 0.0, -10.0])
 HELD = Trajectory.hover(START, math.radians(170.0))
-CLIMB = Trajectory.hover_climb_hover(START, 0.3, 8.0, 12.0, 2.5)
+CLIMB = step_climb(START, 0.3, 8.0, 12.0, 2.5)
 AT_NS = 10 * NS_PER_S
 FIRST = np.array([20.0, 5.0, -14.0]), math.radians(-170.0)
 SECOND = np.array([-3.0, 15.0, -12.0]), math.radians(40.0)

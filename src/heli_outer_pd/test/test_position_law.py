@@ -14,8 +14,11 @@ from heli_core.trajectory import Trajectory, reference_at
 from heli_outer_pd import parameters as config
 from heli_outer_pd import position_law, reference
 from heli_outer_pd import state as thrust_map
+from heli_outer_pd.guidance.paths import FlightPath
+from heli_outer_pd.guidance.transfer import MotionLimits
 from heli_outer_pd.parameters import NODE_NAME, TABLE
 from heli_outer_pd.state import OuterStatus
+from support.step_climb import step_climb
 
 YAML = Path(config.__file__).parents[1] / "config" / "outer_loop.yaml"
 
@@ -222,7 +225,7 @@ def shaped(trajectory, t_s, window_s):
 
 def test_shaped_reference_is_consistent_and_arrives_exactly():
     """Position integrates velocity, velocity acceleration; the climb ends at its height."""
-    climb = Trajectory.hover_climb_hover(np.zeros(3), 0.1, 18.0, 22.0, 2.5)
+    climb = step_climb(np.zeros(3), 0.1, 18.0, 22.0, 2.5)
     t = np.arange(17.0, 25.0, 0.001)
     path = np.array([shaped(climb, s, 1.5) for s in t])
     np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.06)
@@ -238,6 +241,31 @@ def test_shaped_reference_is_consistent_and_arrives_exactly():
     assert at_corner[2] == pytest.approx(-2.5 * 1.5 / 8, abs=1e-3)
     np.testing.assert_allclose(between[:6], [0, 0, -5, 0, 0, -2.5], atol=1e-9)
     np.testing.assert_array_equal(shaped(climb, 20.0, 0.0)[:6], [0, 0, -5, 0, 0, -2.5])
+
+
+def test_a_command_is_not_flown_before_its_time():
+    """Nothing moves before it; from then on speed and acceleration of the reference as it is."""
+    values = load(TABLE, [YAML], NODE_NAME)
+    ahead, command = (
+        reference.shaping_window_ns(values | {"reference_preview": known}) * 1e-9
+        for known in (True, False)
+    )
+    assert (ahead, command) == (0.8, 0.04)
+    off = values | {"reference_preview": False, "reference_shaping_s": 0.0}
+    assert reference.shaping_window_ns(off) == 0
+    assert config.outer_params(values | {"reference_preview": False}).shaping_ns == 40_000_000
+    limits = MotionLimits(3.0, 2.5, 2.5, 5.0, 1.0, 1.0, 2.0)
+    climb = FlightPath(np.zeros(3), 0.1, limits).stay(18.0).go_to([0.0, 0.0, -10.0]).trajectory()
+    t = np.arange(17.0, 25.0, 0.04)
+    path = np.array([shaped(climb, s, command) for s in t])
+    assert (path[t < 17.99][:, :9] == 0.0).all()
+    assert np.abs(path[t < 18.01][:, 2]).max() < 1e-4  # half a step of a jerk that has just begun
+    assert shaped(climb, 17.9, ahead)[5] < -0.02
+    asked = np.array([climb.at(round(s * 1e9)) for s in t])
+    np.testing.assert_allclose(path[:, 2], asked[:, 2], atol=1e-3)
+    np.testing.assert_allclose(path[:, 5], asked[:, 5], atol=0.06)
+    assert np.abs(path[:, 8]).max() == pytest.approx(2.5, abs=1e-6)
+    np.testing.assert_allclose(np.diff(path[:, 5]) / 0.04, path[:-1, 8], atol=0.15)
 
 
 def test_a_trajectory_that_begins_with_a_step_is_begun_without_one_and_caught_up():

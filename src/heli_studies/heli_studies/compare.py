@@ -100,8 +100,6 @@ def largest(values: Sequence[float]) -> float:
 LIMIT_DEG = 3.0
 SPREAD = 0.3
 SLOWER_SERVO = 0.7
-FLAP_BACK_RADPMPS = 0.0015
-"""Disc tilt per air speed of a rotor like this: (8/3 theta - 2 lambda) / tip speed, in hover."""
 _INERTIAS = ("inertia_xx_kgm2", "inertia_yy_kgm2", "inertia_zz_kgm2")
 _RANDOM = {
     "inertia": _INERTIAS,
@@ -184,7 +182,7 @@ def perturbed(nominal: plant.PlantConfig, parts: Sequence[str], seed: int) -> pl
     if "servo" in parts:
         changes["servo_bandwidth_radps"] = SLOWER_SERVO * aircraft.servo_bandwidth_radps
     if "flap_back" in parts:
-        changes["flap_back_radpmps"] = aircraft.flap_back_radpmps + FLAP_BACK_RADPMPS
+        changes["terms"] = aircraft.terms._replace(flap_back=True)
     return replace(
         nominal,
         helicopter=replace(aircraft, **changes),

@@ -22,8 +22,9 @@ from heli_core.metrics import ATTITUDE_DEG, METRICS, PaperMetric
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import ACTUATOR
 from heli_dynamics_sim import plant
+from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.plant import PlantStatus
-from heli_dynamics_sim.trim import TrimError
+from heli_dynamics_sim.trim import TrimError, flap_back_in_hover
 from heli_flight.flight_file import drawn
 from heli_flight.loop import LoopFlight, build, fly_loop, simulate
 from heli_flight.report.figures import BLUE, GREY, ORANGE, RED, picture
@@ -36,7 +37,6 @@ from heli_inner_hinf.design import AttitudeConfig
 from heli_studies.campaign.run import with_seed
 from heli_studies.compare import (
     AXES,
-    FLAP_BACK_RADPMPS,
     TOGETHER,
     ComparedLaw,
     Margins,
@@ -439,6 +439,14 @@ class AttitudeComparison:
         flown = {flight.source for flight in self.flights}
         return [source for source in SOURCES if source in flown]
 
+    @property
+    def flap_back_radpmps(self) -> float:
+        """How far the rotor flaps back once it has settled, per air speed: that of the aircraft."""
+        if not self.flap_back:
+            return 0.0
+        file = self.settings.nodes["plant"]["aircraft_file"]
+        return flap_back_in_hover(HelicopterParameters.from_yaml(file))
+
     def of(self, law: str, source: str) -> dict[int, AttitudeFlight]:
         """Flights of a law by seed."""
         return {f.seed: f for f in self.flights if (f.law, f.source) == (law, source)}
@@ -475,7 +483,7 @@ class AttitudeComparison:
         return {
             "scenario": self.settings.scenario_name,
             "seeds": self.seeds,
-            "flap_back_radpmps": FLAP_BACK_RADPMPS if self.flap_back else 0.0,
+            "flap_back_radpmps": self.flap_back_radpmps,
             "conditions": conditions(self.settings).splitlines(),
             "paper_max_deg": PAPER_DEG,
             "summary": self.summary(),
@@ -501,7 +509,7 @@ def compare_attitude(
     ideal : bool
         Also with ideal navigation, which shows the law without the estimator.
     flap_back : bool
-        The rotor flaps back by FLAP_BACK_RADPMPS more than laws and observer know.
+        The rotor flaps back as its blades and bar do, which laws and observer do not know.
     progress : callable
         Told how many flights are done.
     """
@@ -573,7 +581,8 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
     out.print(rows)
     out.print(_without_seed(conditions(result.settings)))
     if result.flap_back:
-        out.print(f"the rotor flaps back by {FLAP_BACK_RADPMPS:g} rad s/m, which no law knows")
+        settled = result.flap_back_radpmps
+        out.print(f"the rotor flaps back by {settled:.2g} rad s/m in hover, which no law knows")
     for flight in result.flights:
         if flight.lost and flight.source == "truth":
             out.print(f"LOST: {flight.law}, seed {flight.seed}: {flight.lost}")

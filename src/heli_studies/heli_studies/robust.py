@@ -25,6 +25,7 @@ from heli_dynamics_sim.trim import (
     ReducedModel,
     TrimError,
     TrimPoint,
+    flap_back_in_hover,
     linearize,
     reduced_state,
     smooth_params,
@@ -606,10 +607,10 @@ def _in_plane(law: _Law) -> _Law:
 
 SPEEDS_MPS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 ACROSS_MPS = (-4.0, 0.0, 4.0)
-FLAP_BACKS_RADPMPS = (0.0, 0.00075, 0.0015)
-"""As the set of `heli robust` has it: none, nominal, that of the literature."""
+FLAP_BACKS = (0.0, 1.0, 2.0)
+"""Of the aircraft's own in hover, as the set of `heli robust` has it."""
 _BETWEEN_MPS = tuple(0.5 * k for k in range(25))
-_BETWEEN_RADPMPS = (0.0004, 0.0011)
+_BETWEEN_FLAP_BACKS = (0.5, 1.5)
 
 
 class Point(NamedTuple):
@@ -680,20 +681,21 @@ def over_airspeed(settings: Settings) -> OverAirspeed:
     law = feedback_flown(settings)
     aircraft = HelicopterParameters.from_yaml(settings.nodes["plant"]["aircraft_file"])
     actuation = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).actuation
+    own = flap_back_in_hover(aircraft)
     points = [
-        at(aircraft, law, actuation, Point(ahead, right, flap_back))
+        at(aircraft, law, actuation, Point(ahead, right, share * own))
         for ahead in SPEEDS_MPS
         for right in ACROSS_MPS
-        for flap_back in FLAP_BACKS_RADPMPS
+        for share in FLAP_BACKS
     ]
     try:
         bound = common_bound([point.loop for point in points if point.point.right_mps == 0.0])
     except RobustError as error:
         return OverAirspeed(points, str(error), math.nan)
     between = (
-        at(aircraft, law, actuation, Point(ahead, 0.0, flap_back)).loop
+        at(aircraft, law, actuation, Point(ahead, 0.0, share * own)).loop
         for ahead in _BETWEEN_MPS
-        for flap_back in _BETWEEN_RADPMPS
+        for share in _BETWEEN_FLAP_BACKS
     )
     return OverAirspeed(points, bound, max(contraction_of(A, bound.P) for A in between))
 

@@ -27,6 +27,7 @@ from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.trim import (
     MovingModel,
     TrimPoint,
+    flap_back_in_hover,
     linearize,
     linearize_moving,
     reduced_state,
@@ -94,8 +95,6 @@ if TYPE_CHECKING:
 # What the attitude laws are searched over: the aircraft of the set, and the families of laws.
 # -------------------------------------------------------------------------------------------------
 
-_FLAP_BACK = 0.0015
-"""Disc tilt per air speed, rad s/m, as `heli compare attitude --flap-back` flies it."""
 _WORTH = 0.01
 """Share of the cost that moves a weight of the shipped law."""
 
@@ -183,7 +182,7 @@ def _aircraft(
         "mass": one.mass,
         "rotor_stiffness": one.rotor_stiffness,
         "flapping": one.flapping,
-        "flap_back": _FLAP_BACK,
+        "flap_back": flap_back_in_hover(helicopter),
     }
     changed = with_values(helicopter, values)
     linear = linearize(changed, trim(changed))

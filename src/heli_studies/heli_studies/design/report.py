@@ -65,6 +65,7 @@ def print_design(design: FinishedDesign, out: Console) -> None:
     else:
         out.print(_of_output(output))
     out.print(said_of_the_flown_norm(design))
+    out.print(OF_THE_DISTURBANCE)
     out.print(_margins(design, out))
     survived = design.further_delay_s
     more = "more than " if survived >= LONGEST_DELAY_S else ""
@@ -111,6 +112,14 @@ def _modes(design: FinishedDesign) -> str:
         elif pole.imag == 0.0:
             words.append(f"{pole.real:.3g}" if abs(pole) > 1e-9 else "0")
     return ", ".join(words)
+
+
+OF_THE_DISTURBANCE = (
+    "the wind in these norms acts by E of eq. (10), on fuselage, fins and tail rotor: it has "
+    "neither the load at the rotor's hub nor flap-back, so a smaller norm is no prediction of "
+    "smaller errors in flight"
+)
+"""What a norm from the wind does not say."""
 
 
 def _of_output(output: OutputSynthesis) -> str:
