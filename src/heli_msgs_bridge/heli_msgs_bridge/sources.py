@@ -173,6 +173,11 @@ class PublisherLock:
         self._others: set[int] = set()
         self.ignored = self.successions = 0
 
+    @property
+    def known(self) -> bool:
+        """Whether there is an owner."""
+        return self._number is not None
+
     def admits(self, raw: bytes, info: Info | None) -> bool:
         """Whether a serialised message is the owner's; without info it counts as the owner's."""
         if info is None:
