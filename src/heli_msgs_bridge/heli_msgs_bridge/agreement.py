@@ -43,7 +43,8 @@ _AMONG = tuple(
     for first in _FLYING for second in _FLYING if first < second
     for key in _COMMON
 )  # fmt: skip
-_EACH = (*PAIRS, *_AMONG, *(("plant", "lockstep", name, "lockstep") for name in _FLYING))
+# `lockstep` is none: a bag of a flight in lockstep is heard in real time, too.
+_EACH = (*PAIRS, *_AMONG)
 NODES = frozenset(name for first, _, second, _ in _EACH for name in (first, second))
 """Who has terms."""
 _MOST_TERMS, _MOST_CHARACTERS = 100, 100

@@ -6,7 +6,7 @@ import pytest
 from heli_msgs_bridge.agreement import PAIRS, VERSION_TERM, Agreement, differences, terms
 
 COMMON = {
-    "start_time_s": 1.0, "rate_hz": 100, "lockstep": True, "origin.latitude_deg": 28.17,
+    "start_time_s": 1.0, "rate_hz": 100, "origin.latitude_deg": 28.17,
     "origin.longitude_deg": 112.93, "origin.altitude_m": 50.0,
 }  # fmt: skip
 
