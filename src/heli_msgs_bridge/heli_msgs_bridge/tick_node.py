@@ -457,14 +457,14 @@ class TickNode(RespawnableNode[NodeCore, Run]):
     def judge_peers(self) -> None:
         """Bar the topics whose senders do not agree with this node.
 
-        Who sent a message is not known: where others send, too, and nobody is followed yet, all
-        wait until those have gone. A peer may be heard before its publishers are known.
+        Who is followed now stays followed: a node tells its terms before it sends, so false terms
+        of another one stop nothing. A peer may be heard before its publishers are known.
         """
         broken, barred = self.agreement.broken, dict[str, str]()
         for topic, owner in list(self._owners.items()) if broken else ():
             senders = {name for _, name in senders_of(self, topic)}
             bad = (broken.keys() & senders) | self.agreement.of_kinds(topics.BY_NAME[topic].source)
-            if bad and not (owner.known and senders - bad):
+            if bad and (topic in self._barred or not owner.followed):
                 barred[topic] = disagreeing({name: broken[name] for name in bad})
         self._barred = barred
 

@@ -202,7 +202,7 @@ TABLE: tuple[Topic, ...] = (
         AGREEMENT,
         "diagnostic_msgs/msg/DiagnosticArray",
         (*_FLYING, "recorder"),
-        _FLYING,
+        (),
         0,
         latched=True,
         kept=64,  # of all nodes together
