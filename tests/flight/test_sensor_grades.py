@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from heli_core.command_line import config_folder
+from heli_dynamics_sim.config import jump_share
 from heli_dynamics_sim.plant import PlantStatus
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
@@ -83,15 +84,34 @@ def test_the_filter_is_told_the_noise_that_flies(grade):
     assert assumed("baro.noise_pa") == flown("baro.white_pa")
     assert assumed("mag.noise_t") == flown("mag.white_t")
     up = flown("gps.vertical_factor")
-    jumps = 0.0 if grade == "rtk" else flown("gps.jump.sigma_m")
-    slow = np.linalg.norm([flown("gps.drift_m"), flown("gps.multipath.sigma_m"), jumps])
     for axis, factor in (("horizontal", 1.0), ("vertical", up)):
         assert assumed(f"gps.position_{axis}_m") == pytest.approx(factor * flown("gps.white_m"))
-        assert assumed(f"gps.drift_{axis}_m") == pytest.approx(factor * slow, rel=0.03)
+        for seconds in (10.0, 30.0, 60.0):
+            told = 1.0 - np.exp(-2.0 * seconds / assumed("gps.drift_time_constant_s"))
+            told *= assumed(f"gps.drift_{axis}_m") ** 2
+            assert told == pytest.approx(factor**2 * moved_sq(flown, seconds), rel=0.15)
         assert assumed(f"gps.velocity_{axis}_mps") == flown("gps.velocity_mps")
     # what the vibration tips a single sample of the accelerometers by, at most
     tip = np.linalg.norm([*flown("imu.vibration.rev_mps2"), *flown("imu.vibration.blade_mps2")])
     assert tip / 9.781 / 4.0 < assumed("initial.level_rad") < tip / 9.781
+
+
+def moved_sq(flown, seconds):
+    """Mean square, m2, horizontal, of what the receiver's slow errors have moved since a fix.
+
+    2 sigma^2 (1 - exp(-t / tau)) of a stationary error: drift; multipath, larger by the satellites
+    that are blocked; jumps, while there is one.
+    """
+    satellites = flown("gps.satellites.open")
+    larger = satellites / (satellites - flown("gps.satellites.blocked"))
+    lasting = flown("gps.jump.duration_s")
+    share = jump_share(flown("gps.jump.interval_s"), lasting)
+    parts = (
+        (flown("gps.drift_m") ** 2, flown("gps.drift_tau_s")),
+        (larger * flown("gps.multipath.sigma_m") ** 2, flown("gps.multipath.tau_s")),
+        (share * flown("gps.jump.sigma_m") ** 2, lasting or flown("gps.jump.interval_s")),
+    )
+    return sum(2.0 * square * -np.expm1(-seconds / tau) for square, tau in parts)
 
 
 @pytest.mark.parametrize("grade", GRADES)

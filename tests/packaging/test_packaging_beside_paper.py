@@ -48,7 +48,7 @@ def test_the_whole_flight_stands_first_then_the_windows_then_the_climb(tmp_path,
         text.index(f"**{name}**") for name in ("Whole flight", "Scored windows", "Climb")
     )
     assert whole < windows < climb
-    assert "hover test, standalone GPS 0 of 2; hover test, RTK 0 of 2" in text[whole:windows]
+    assert "hover test, standalone GPS 0 of 2; hover test, RTK 2 of 2" in text[whole:windows]
     assert "hover test, standalone GPS 2 of 2; hover test, RTK 2 of 2" in text[windows:climb]
     for part, place in ((text[whole:windows], "max_whole"), (text[windows:climb], "max")):
         row = rows(part, "paper (flight)")["altitude error"]
