@@ -188,10 +188,11 @@ def test_what_the_tutorial_says_of_gamma_and_the_weights_is_so():
 
 
 def test_what_the_first_page_says_of_the_whole_flight_is_so():
-    """Vertical speed is outside the paper's figure on every flight of the table of worlds."""
+    """Of the climb, too: its reference can be flown, so vertical speed errs by less than the 1.25
+    m/s of a step, on the median flight of each world."""
     for place in files.read(ROOT, "worlds")["found"]["places"]:
         rows = [r for r in place["metrics"] if (r["stretch"], r["key"]) == ("whole", "v_z")]
-        assert len(rows) >= 2 and {row["inside"] for row in rows} == {0}
+        assert len(rows) >= 2 and max(row["median"] for row in rows) < 1.25
 
 
 @pytest.mark.nightly

@@ -259,8 +259,8 @@ def test_messages_say_what_the_parameters_say_of_the_sensors(bench):
         plant.send(topics.ACTUATORS, tick, U)
     fix = deserialize_message(raw[topics.GPS_FIX], NavSatFix)
     assert fix.status.status == fix.status.STATUS_GBAS_FIX
-    level = 0.015**2 + 0.01**2
-    wanted = np.diag([level, level, level * 1.5**2]).ravel()
+    level = 0.006**2 + 0.006**2
+    wanted = np.diag([level, level, level * 1.75**2]).ravel()
     assert fix.position_covariance == pytest.approx(wanted)
     imu = deserialize_message(raw[topics.IMU], Imu)
     assert imu.angular_velocity_covariance[0] == pytest.approx(1e-4**2 / 0.01)

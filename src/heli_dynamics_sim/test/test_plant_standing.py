@@ -101,7 +101,7 @@ def test_the_packaged_idle_presses_it_on(plant_config):
     assert math.degrees(pitch) == pytest.approx(-1.375, abs=0.01)
     down = -to_ned(tuple(x[PLANT.quat]), *ground_loads(x, k.ground)[0])[2]
     assert 0.08 < down / (k.body.mass * k.body.gravity) - 1.0 < 0.15
-    gusty = {"ground__slope": [0.0, SLOPE], "wind__profile_speed_mps": [7.5, 7.5, 7.5],
+    gusty = {"ground__slope": [0.0, SLOPE], "wind__profile_speed_mps": [13.0, 13.0, 13.0],
              "wind__turbulence": False, "wind__towards_deg": 270.0}  # fmt: skip
     stand(plant_config, **gusty)
     with pytest.raises(NoStandError):
