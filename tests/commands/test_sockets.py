@@ -47,7 +47,7 @@ CALLS = {
     "hover --live": [*LIVE, "--out", "{own}"],
     "hover --live --foxglove-port": [*LIVE, "--foxglove-port", "0", "--out", "{own}"],
     "replay": ["replay", "{flight}", "--port", "0"],
-    "ardupilot": ["ardupilot", "--port", "0", "--out", "{own}"],
+    "ardupilot": ["ardupilot", "--port", "19002", "--out", "{own}"],
     "joy": ["joy", "--keyboard"],
     "diff": ["diff", "{flight}", "{another}", "--out", "{own}.html"],
     "list": ["list", "scenarios"],

@@ -13,6 +13,7 @@ from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import Rate
 from heli_dynamics_sim.plant import PlantStatus
 from heli_dynamics_sim.trim import trim
+from heli_flight import interrupts
 from heli_flight.ardupilot import server
 from heli_flight.ardupilot.physics import Physics
 from heli_flight.ardupilot.recording import FlightFolder
@@ -122,6 +123,14 @@ def test_each_return_of_ardupilot_has_a_folder_of_its_own(tmp_path):
     for folder in folders:
         folder.close()
     assert [folder.path.name for folder in folders] == ["a", "a-2", "a-3"]
+
+
+def test_an_interrupt_that_was_dropped_ends_it_within_a_second(monkeypatch):
+    sock = server.bound(0)
+    vehicle = Vehicle(lambda rate: pytest.fail("nobody has come"), lambda line: None)
+    monkeypatch.setattr(interrupts, "_interrupted", True)
+    with sock, pytest.raises(KeyboardInterrupt):
+        server.serve([server.Door("heli1", sock, vehicle)], lambda line: None)
 
 
 def test_a_disk_that_is_full_ends_the_record_and_not_the_flight(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.jit import copy, direct, njit
-from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
+from heli_core.rows import AIR, MEAS, PLANT
 from heli_core.ticks import Rate
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.airframe import attitude_of, to_body, to_ned, velocity_of
@@ -26,7 +26,6 @@ from heli_flight.ardupilot.servos import ServoNumbers, deflections
 from heli_flight.settings import Settings
 
 _DRAWN = 256
-_ON_SKIDS_MPS = 1e-3
 
 
 class StepRow(NamedTuple):
@@ -40,7 +39,6 @@ class StepRow(NamedTuple):
 
 
 STEP = StepRow()
-_N_ACTUATOR = ACTUATOR.size
 
 
 @njit

@@ -17,6 +17,7 @@ from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import NS_PER_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.plant import PlantStatus
+from heli_flight import interrupts
 from heli_flight.ardupilot import physics as physics_kernels
 from heli_flight.ardupilot.physics import Physics
 from heli_flight.ardupilot.protocol import PORT, PORT_STEP
@@ -205,6 +206,7 @@ def serve(doors: Sequence[Door], say: Callable[[str], None]) -> None:
         while not all(door.vehicle.done for door in doors):
             now_ns = time.monotonic_ns()
             if now_ns >= due_ns:
+                interrupts.check()
                 due_ns = now_ns + _LINE_NS
                 for door in doors:
                     door.vehicle.flush()
@@ -276,6 +278,8 @@ def fly(order: ArduPilotOrder, out: Console) -> list[FinishedFlight]:
         for door in doors:
             port = door.sock.getsockname()[1]
             say(f"waits for ArduPilot on udp {HOST}:{port}: arducopter-heli --model JSON:{HOST}")
+        # Compiled code may have dropped one.
+        interrupts.check()
         with contextlib.suppress(KeyboardInterrupt):
             serve(doors, say)
     done = []
