@@ -351,6 +351,13 @@ class ParameterError(ParameterRefusal):
     """A parameter or parameter file that cannot be used."""
 
 
+NO_ROS = (
+    "needs ROS 2 Jazzy, which is not installed here: pip install 'heli-hover[ros]' on Linux on "
+    "x86_64, or source your own; --one-process, designs, campaigns and reports need none"
+)
+"""What is said where the graph is asked for and there is no ROS."""
+
+
 class PlantConfigError(ParameterRefusal, ValueError):
     """Parameters of the plant that do not fit together."""
 

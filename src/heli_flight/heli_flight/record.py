@@ -98,9 +98,9 @@ class FlightRecord:
 def record_until(record: FlightRecord, end_s: float) -> FlightRecord:
     """The rows of a record before a flight time, s."""
     rows = record.time_s < end_s
-    arrays: dict[str, Any] = {field.name: getattr(record, field.name) for field in fields(record)}
-    cut: dict[str, Any] = {name: a if a is None else a[rows] for name, a in arrays.items()}
-    return FlightRecord(**cut)
+    arrays = ((field.name, getattr(record, field.name)) for field in fields(record))
+    kept: dict[str, Any] = {name: a if a is None else a[rows] for name, a in arrays}
+    return FlightRecord(**kept)
 
 
 # -------------------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ from heli_msgs_bridge.layouts import (
     MessageCause,
     MessageError,
 )
-from heli_msgs_bridge.services import too_long
+from heli_msgs_bridge.message_size import too_long
 from heli_msgs_bridge.topics import BASE, MAP, ODOM, in_namespace
 
 # -------------------------------------------------------------------------------------------------

@@ -201,8 +201,6 @@ COMMANDS_PER_S, COMMANDS_AT_ONCE = 100.0, 200.0
 """Of messages on a topic of commands, which are planned and judged one by one."""
 MOST_ORDERS = 16
 """Changes of parameters that may wait for their judgement."""
-MOST_BYTES, MOST_WAY_BYTES = 1 << 16, 1 << 20
-"""Of a message; of one that holds a way, whose points are counted afterwards."""
 
 _TELL_AGAIN_S = 1.0
 
@@ -248,11 +246,6 @@ class RateLimit:
             return False
         self._left -= 1.0
         return True
-
-
-def too_long(topic: str, size: int, most: int = MOST_BYTES) -> str:
-    """Why a serialised message is not even looked into; empty if it may be."""
-    return f"{topic}: a message of {size} bytes; allowed: at most {most}" if size > most else ""
 
 
 class RequestLimit:

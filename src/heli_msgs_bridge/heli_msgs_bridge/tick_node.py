@@ -38,13 +38,12 @@ from heli_msgs_bridge.lockstep import (
     RealTime,
     stamp_refusal,
 )
+from heli_msgs_bridge.message_size import MOST_BYTES, too_long
 from heli_msgs_bridge.messages import ClockDecoder, Decoder, Encoder, Variance
 from heli_msgs_bridge.services import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
-    MOST_BYTES,
     RateLimit,
-    too_long,
 )
 from heli_msgs_bridge.services import error_line as in_line
 from heli_msgs_bridge.sources import (

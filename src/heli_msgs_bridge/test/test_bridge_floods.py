@@ -8,7 +8,8 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParameters
 
-from heli_msgs_bridge.services import MOST_BYTES, RateLimit, guard, too_long
+from heli_msgs_bridge.message_size import MOST_BYTES, too_long
+from heli_msgs_bridge.services import RateLimit, guard
 
 SENTENCE = "more than 10 requests a second; ask less often"
 

@@ -20,8 +20,8 @@ from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import decode_reference, encode_reference
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import CHANNELS, CutOffError, FrameError, MessageCause, MessageError
+from heli_msgs_bridge.message_size import MOST_BYTES, too_long
 from heli_msgs_bridge.messages import Decoder, Encoder
-from heli_msgs_bridge.services import MOST_BYTES, too_long
 
 ORIGIN = datum(28.17, 112.93, 50.0)
 STAMP_NS = 3_000_000_005

@@ -41,8 +41,8 @@ from heli_msgs_bridge.frames import Datum, datum
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Arrived, Demand
+from heli_msgs_bridge.message_size import MOST_WAY_BYTES
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.services import MOST_WAY_BYTES
 from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent, TopicSenders
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import ARM, MODE, Answer, Commands

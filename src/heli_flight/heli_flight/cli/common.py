@@ -5,6 +5,7 @@ import difflib
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -175,6 +176,11 @@ def run(app: typer.Typer, argv: Sequence[str] | None, prog: str) -> int:
         return EXIT_BAD_INPUT
     except Exception as error:
         code = _refusal(error)
+        if isinstance(error, ModuleNotFoundError) and find_spec("rclpy") is None:
+            from heli_core.errors import NO_ROS
+
+            print(f"{name}: this command {NO_ROS}", file=sys.stderr)
+            return EXIT_BAD_INPUT
         if code is None:
             raise
         print(f"{name}: {_one_line(str(error))}", file=sys.stderr)

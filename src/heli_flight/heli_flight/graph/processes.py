@@ -14,12 +14,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from multiprocessing import forkserver, resource_tracker, util
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from heli_core.errors import StartError
+from heli_core.errors import NO_ROS, StartError
 from heli_flight import interrupts
 
 _PR_SET_PDEATHSIG = 1
@@ -264,10 +265,13 @@ def has_shared_memory() -> bool:
 def check_middleware() -> None:
     """Raise StartError for an environment in which rcl or Fast DDS would end the whole process.
 
+    ROS 2 must be installed at all.
     The library that RMW_IMPLEMENTATION names must be there; ROS_DOMAIN_ID must leave room for port
     numbers; nodes must be able to find each other; shared memory must have room: Fast DDS takes it
     without asking, and is ended by the kernel (SIGBUS) where there is none.
     """
+    if find_spec("rclpy") is None:
+        raise StartError(f"the ROS graph {NO_ROS}")
     domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
     if domain and not (domain.isdecimal() and int(domain) <= _MAX_DOMAIN):
         raise StartError(
