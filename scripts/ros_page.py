@@ -59,6 +59,7 @@ SERVICES = {
 }
 _FRAMES = {
     topics.REFERENCE: (MAP, BASE),
+    topics.NO_ESTIMATE: (MAP,),
     topics.GOTO: (MAP,),
     topics.ORIGIN: (MAP,),
     topics.HOME: (MAP,),
@@ -73,6 +74,7 @@ _FRAMES = {
 }
 _RATES = {
     topics.DIAGNOSTICS: "1 Hz and on change",
+    topics.NO_ESTIMATE: "each tick without `odom`",
     topics.SCENE: f"{STATE_HZ} Hz of wall time",
 }
 _LONGEST = 44
@@ -92,8 +94,11 @@ QOS = f"""
 All are reliable. History: the last {topics.DEPTH} messages, volatile; where the rate says
 "latched", the last one, or as many as it says, transient local, for who comes late.
 Subscribers of default QoS meet all of them; who asks for best effort does, too. `/tf` and
-`/tf_static` are sent where `tf2_msgs` is installed: the PyPI wheels do not hold it. No
-flight needs the last seven. `robot_state_publisher` turns the main rotor by `joint_states`.
+`/tf_static` are sent where `tf2_msgs` is installed: the PyPI wheels do not hold it,
+`./heli setup --interfaces` builds it. At a tick of which the observer knows nothing it sends
+`no_estimate` in the place of `odom` and `rotor_state`; `agreement` tells what nodes must agree on
+(heli_msgs_bridge, `agreement`). No flight needs the last seven. `robot_state_publisher` turns
+the main rotor by `joint_states`.
 `excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token, and the outer loop for each command that it flies. Yours to send are `goto`, or by

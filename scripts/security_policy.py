@@ -28,6 +28,7 @@ _SENDS = {
 }
 """Beside what the table says: each sends the reference that it commands."""
 _HEARS = {
+    **dict.fromkeys(("plant", "observer", "inner_loop", "outer_loop"), (topics.AGREEMENT,)),
     "recorder": (*_IN_TABLE, *(topic.name for topic in topics.TOOLS)),
     "live_view": _IN_TABLE,
     "scenario": (topics.CLOCK, topics.DIAGNOSTICS),

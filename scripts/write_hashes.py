@@ -57,13 +57,15 @@ def write(name: str, blocks: Sequence[str]) -> None:
 
 
 def main() -> int:
-    """Write the lists: of uv, of what flies, and of what tests and the guided fuzz need besides."""
+    """Write the lists: of uv, of what flies, and of what tests, guided fuzz and compiled types need
+    besides."""
     flying = locked(text_of("ros", "python") + "\npip\n")
     both = locked(text_of("ros", "python", "ros_test", "test") + "\npip\n")
     write("uv", locked("uv\n"))
     write("flight", flying)
     write("test", [block for block in both if block not in flying])
     write("fuzz", locked(f"{FUZZER}\n"))
+    write("interfaces", [block for block in locked(text_of("interfaces")) if block not in flying])
     return 0
 
 

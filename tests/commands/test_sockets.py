@@ -71,6 +71,7 @@ CALLS = {
     "topics": ["topics", "--settle", "0"],
     "run": ["run", "heli_observer", "observer"],
     "python": ["python", "-c", ""],
+    "setup": ["setup"],
     "compare attitude": ["compare", "attitude", *ONE],
     "compare robustness": ["compare", "robustness", "--n", "1", "--duration", "3"],
     "compare worlds": ["compare", "worlds", "--worlds", "paper", *ONE[:4]],

@@ -46,6 +46,15 @@ def test_latency_beside_a_bare_ring(benchmark_of):
 
 
 @pytest.mark.slow
+def test_answers_of_nodes_beside_a_bare_one(benchmark_of):
+    result = benchmark_of("answers.py", "--seconds", "5")
+    assert {"configuring", "inactive", "active"} & set(result["states"])
+    assert set(result["nodes"]) == {"plant", "observer", "inner_loop", "outer_loop", "recorder"}
+    for row in (*result["nodes"].values(), result["bare"]):
+        assert row["answers"] > 0 and 0.0 < row["p50_ms"] <= row["p99_ms"] <= row["max_ms"]
+
+
+@pytest.mark.slow
 def test_tuning_in_real_time(benchmark_of):
     result = benchmark_of("tuning.py", "--sets", "2", "--phase", "2")
     phases = result["phases"]

@@ -146,6 +146,7 @@ def test_a_workflow_runs_what_there_is(name):
         assert any("evidence.experiments.fuzz --cases 10000" in command for command in commands)
         for parser in PARSERS:
             assert any(f"fuzz_atheris.py {parser} " in command for command in commands)
-        lists = {f"requirements/hashes/{kind}.txt" for kind in ("flight", "test", "uv", "fuzz")}
+        kinds = ("flight", "test", "uv", "fuzz", "interfaces")
+        lists = {f"requirements/hashes/{kind}.txt" for kind in kinds}
         (audit,) = [command for command in commands if command.startswith("pip-audit")]
         assert lists <= set(audit.split()) and "--require-hashes" in audit

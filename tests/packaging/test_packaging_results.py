@@ -24,6 +24,7 @@ MADE = [p for p in PRODUCERS if files.path_of(ROOT, p.name).is_file()]
 NAMES = [producer.name for producer in MADE]
 # First lines of tables that hold no measurement: what exists, how often, what is allowed.
 DESCRIPTIVE = {
+    "| what | who has it | here |",
     "| topic | type | direction | rate |",
     "| command | what it does | exit code |",
     "| module | what it holds |",

@@ -51,6 +51,7 @@ def test_services_are_those_of_a_node(bench):
     }
     sent = node.get_publisher_names_and_types_by_node("plant", "/")
     expected = {"/rosout", "/parameter_events", "/plant/transition_event", "/diagnostics"}
+    expected |= {"/agreement"}
     assert {name for name, _ in sent} == expected
 
 

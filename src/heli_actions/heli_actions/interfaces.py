@@ -31,8 +31,8 @@ PREFIX = "actions"
 """Of the actions' names: a service `takeoff` and a topic `goto` are there already."""
 PACKAGE = "heli_interfaces"
 NOT_BUILT = (
-    f"{PACKAGE} is not built: its types need ROS 2 from apt (colcon build, see the README of "
-    "heli_actions); without it command by the services takeoff, land and hold and the topic goto"
+    f"{PACKAGE} is not built: on the wheels ./heli setup --interfaces builds it, where ROS 2 is "
+    "sourced set-up does; without it command by the services takeoff, land and hold and by goto"
 )
 
 

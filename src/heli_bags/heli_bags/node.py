@@ -5,10 +5,12 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from heli_bags.parameters import NODE_NAME, TABLE
@@ -148,14 +150,22 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         # Also when a signal comes while this node is configured: the bag opens.
         self.at_end(bag.close)
         self.at_end(lambda: self._unsubscribe(core))
-        for name in bag.rows:
-            self._subscribe(core, name, topics.qos(name, _DEPTH))
+        self.once_configured(partial(self._subscribe_to_all, core))
         self.create_wall_timer(values["flush_s"], self._flush)
         self.get_logger().info(f"recording {len(bag.rows)} topics to {folder}")
         return core
 
+    def _subscribe_to_all(self, core: ConfiguredRecorder) -> None:
+        for name in core.bag.rows:
+            self._subscribe(core, name, topics.qos(name, _DEPTH), self.qos_overriding(name))
+
     def _subscribe(
-        self, core: ConfiguredRecorder, name: str, qos: QoSProfile, heard: Any = None
+        self,
+        core: ConfiguredRecorder,
+        name: str,
+        qos: QoSProfile,
+        overriding: QoSOverridingOptions | None = None,
+        heard: Any = None,
     ) -> None:
         cls = topics.message_class(core.bag.rows[name].type)
         row = topics.BY_NAME.get(name)
@@ -168,7 +178,9 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             self._write_arrived(name)
 
         call = heard or with_info(self.guarded(write))
-        core.subscriptions[name] = self.create_subscription(cls, name, call, qos, raw=True)
+        core.subscriptions[name] = self.create_subscription(
+            cls, name, call, qos, raw=True, qos_overriding_options=overriding
+        )
         for profile in topics.qos_to_hear(name)[1:]:
             core.once[name] = DuplicateFilter()
             core.plain.append(self.create_subscription(cls, name, call, profile, raw=True))
@@ -183,7 +195,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             self.destroy_subscription(subscription)
 
     def _adapt(self, name: str) -> None:
-        """Hear a foreign topic whose publisher is best effort; reliable listeners hear nothing."""
+        """Hear a topic whose publisher is best effort: reliable listeners hear nothing of it."""
         subscription = self.core.subscriptions[name]
         if subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
             return
@@ -192,12 +204,15 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             self._write_arrived(name)
             self.destroy_subscription(subscription)
             best_effort = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-            self._subscribe(self.core, name, best_effort, subscription.callback)
+            self._subscribe(self.core, name, best_effort, heard=subscription.callback)
 
     def _flush(self) -> None:
         self._name_those_known_since()
         for name in self.core.subscriptions:
-            if name not in topics.BY_NAME:
+            # In lockstep each message of the graph is waited for: none may be lost.
+            if name not in topics.BY_NAME or (
+                name in topics.SENSORS and not self.values["lockstep"]
+            ):
                 self._adapt(name)
         try:
             self.core.bag.flush()
@@ -332,6 +347,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         A node and its senders are made known by ways of their own, either of which may be late.
         """
         bag, space = self.core.bag, self.get_namespace()
+        told = {name for row in topics.TABLE if bag.counts.get(row.name) for name in row.replaces}
         there = {
             name for name, namespace in self.get_node_names_and_namespaces() if namespace == space
         }
@@ -342,6 +358,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             if bag.rows[name].every_ticks == 1
             and not bag.rows[name].optional
             and not bag.counts[name]
+            and name not in told
         )
 
     def _write_arrived(self, name: str) -> int:

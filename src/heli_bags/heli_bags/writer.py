@@ -978,6 +978,8 @@ class BagRecorder:
         # A node that was started again repeats some messages: they fill no gap.
         self._recent = {name: deque[int](maxlen=_RECENT) for name in self.rows}
         self._repeated = dict.fromkeys(self.rows, 0)
+        # Per topic when another one has said that it has no message.
+        self._absent: defaultdict[str, set[int]] = defaultdict(set)
         # By how much a sensor's messages are heard after the newest of other topics.
         self._late_ns: dict[str, int] = {}
         self._clock = BagClock(start_ns, self.rows)
@@ -1049,6 +1051,8 @@ class BagRecorder:
             self.odd_stamps[name] = self.odd_stamps.get(name, 0) + 1
             return
         self._first.setdefault(name, sent_ns)
+        for replaced in topics.BY_NAME[name].replaces:
+            self._absent[replaced].add(sent_ns)
         if sent_ns <= self._last.get(name, -1) and sent_ns in self._recent[name]:
             self._repeated[name] += 1
         self._recent[name].append(sent_ns)
@@ -1110,8 +1114,11 @@ class BagRecorder:
             period_ns = self.rows[name].period_ns(self._rate)
             if not period_ns or self._failed:
                 continue
-            expected = (last - self._first[name]) // period_ns + 1
+            first, absent = self._first[name], self._absent[name]
+            last = max(last, *absent, first)
+            expected = (last - first) // period_ns + 1
             fitting = self.counts[name] - self.odd_stamps.get(name, 0) - self._repeated[name]
+            fitting += sum(stamp >= first for stamp in absent)
             newest_ns = last + self._late_ns.get(name, 0)
             if fitting < expected or newest_ns <= end_ns - period_ns:
                 incomplete.append(name)

@@ -29,7 +29,7 @@ from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import CHANNELS
-from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.messages import Encoder, encode_header
 
 NAMES = (topics.IMU, topics.ODOM, topics.ACTUATORS)
 TICKS = 300
@@ -80,6 +80,21 @@ def test_a_sensor_that_is_late_has_gaps_only_where_messages_lack(tmp_path, first
     assert missing(tmp_path / "whole", ()) == []
     assert missing(tmp_path / "middle", (140,)) == [topics.GPS_FIX]
     assert missing(tmp_path / "end", (260, 280)) == [topics.GPS_FIX]
+
+
+@pytest.mark.parametrize(("told", "gaps"), [(True, []), (False, [topics.ODOM])])
+def test_ticks_without_an_estimate_are_no_gap(tmp_path, told, gaps):
+    """At the beginning, in the midst, at the end: another message says that there is none."""
+    names, absent = (topics.IMU, topics.ODOM, topics.NO_ESTIMATE), {*range(20), 100, 101, 299}
+    bag = BagRecorder(tmp_path / "bag", names)
+    for name, stamp_ns, raw in stream(names=(topics.IMU, topics.ODOM)):
+        lost = (stamp_ns - 1_000_000_000) // TICK_NS in absent
+        if name == topics.IMU or not lost:
+            bag.write(name, raw)
+        elif told:
+            bag.write(topics.NO_ESTIMATE, encode_header(stamp_ns, topics.MAP))
+    assert bag.missing() == gaps
+    bag.close()
 
 
 def record(folder, form, ticks=TICKS, flush_every=50):

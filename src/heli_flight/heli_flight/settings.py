@@ -53,7 +53,6 @@ from heli_core.rcl_yaml import (
     opened,
 )
 from heli_core.rows import ACTUATOR, SETPOINT
-from heli_core.sensors import AIDS
 from heli_core.signals import NOTHING
 from heli_core.ticks import TICKS_PER_S, Rate
 from heli_dynamics_sim.aircraft import AircraftError, find_aircraft
@@ -62,6 +61,7 @@ from heli_flight import scenario as scenario_table
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.scenario import Gear
 from heli_inner_hinf.excitation import disturbance_params, excitation_params
+from heli_msgs_bridge.agreement import PAIRS
 from heli_msgs_bridge.links import link_faults_of
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.script import script_of
@@ -685,32 +685,10 @@ def hover_test_world(world: str | None, scenario: str | None, paths: Sequence[Pa
 # Whether the parameters of a flight's nodes fit together, and its faults are some.
 # -------------------------------------------------------------------------------------------------
 
-# Pairs that two nodes must agree on: what one sends is what the other waits for.
-_AGREEMENTS = (
-    ("outer_loop", "period_ticks", "inner_loop", "outer_period_ticks"),
-    ("plant", "start.on_ground", "outer_loop", "start.on_ground"),
-    ("plant", "ground.idle_collective", "outer_loop", "takeoff.idle_collective"),
-    ("plant", "sensors.imu2.enabled", "observer", "imu2.enabled"),
-    *(
-        ("plant", f"sensors.{name}.period_ticks", "observer", f"schedule.{name}_period_ticks")
-        for name in (row.name for row in AIDS)
-    ),
-    ("plant", "sensors.gps.period_ticks", "observer", "schedule.gps_period_ticks"),
-    ("plant", "sensors.gps.latency_ticks", "observer", "schedule.gps_latency_ticks"),
-    ("plant", "sensors.rotor_speed.period_ticks", "outer_loop", "rotor_speed_period_ticks"),
-    *(
-        ("plant", key, name, key)
-        for name in ("observer", "inner_loop", "outer_loop")
-        for key in ("start_time_s", "rate_hz", "origin.latitude_deg", "origin.longitude_deg",
-                    "origin.altitude_m")
-    ),
-    ("plant", "rate_hz", recorder_table.NODE_NAME, "rate_hz"),
-)  # fmt: skip
-
 
 def check_agreement(nodes: Mapping[str, Mapping[str, Any]]) -> None:
     """Raise ParameterError, naming both sides, where two nodes would wait for different things."""
-    for first, key, second, other in _AGREEMENTS:
+    for first, key, second, other in PAIRS:
         a, b = nodes[first][key], nodes[second][other]
         if a != b:
             raise ParameterError(

@@ -30,6 +30,8 @@ VALUES = {
     "attempt_respawn_reconnection": True,
     "bond_respawn_max_duration": 10.0,
     "service_timeout": 60.0,
+    "lockstep": False,
+    "peer_timeout_s": 10.0,
 }
 UNCONFIGURED, INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
 ACTIVE, FINALIZED = State.PRIMARY_STATE_ACTIVE, State.PRIMARY_STATE_FINALIZED
@@ -249,6 +251,41 @@ def test_who_does_not_come_back_takes_the_others_down(reconnects, waits_s):
     assert graph.told[-1][0] == Level.ERROR and "observer" in graph.told[-1][1]
 
 
+def test_in_lockstep_time_stands_still_until_who_is_lost_is_back():
+    graph = Graph(lockstep=True).up()
+    graph.dead.add("observer")
+    graph.wait(5)
+    assert graph.asked == [("plant", DEACTIVATE)]
+    graph.wait(3)
+    graph.dead.clear()
+    graph.states["observer"] = UNCONFIGURED
+    graph.wait(1)
+    assert graph.asked[1:] == [("observer", CONFIGURE), ("observer", ACTIVATE), ("plant", ACTIVATE)]
+    assert graph.manager.state == SystemState.ACTIVE
+    graph.wait(100)
+    assert graph.manager.state == SystemState.ACTIVE
+
+
+@pytest.mark.parametrize("lost", ["observer", "plant"])
+def test_in_lockstep_who_does_not_come_back_takes_the_others_down(lost):
+    graph = Graph(lockstep=True).up()
+    graph.dead.add(lost)
+    graph.wait(16)
+    left = {name: UNCONFIGURED for name in NAMES if name != lost}
+    assert {name: graph.states[name] for name in left} == left
+    assert graph.manager.state == SystemState.FAILED and lost in graph.told[-1][1]
+
+
+def test_in_lockstep_a_loss_is_told_though_time_cannot_be_stopped():
+    graph = Graph(lockstep=True).up()
+    graph.dead |= {"observer", "plant"}
+    graph.wait(6)
+    graph.dead.remove("observer")
+    graph.states["observer"] = UNCONFIGURED
+    graph.wait(200)
+    assert graph.manager.state == SystemState.FAILED
+
+
 def test_who_comes_back_and_refuses_takes_the_others_down(graph):
     graph.up().refusing.add("observer")
     graph.states["observer"] = UNCONFIGURED
@@ -312,7 +349,8 @@ def test_a_lost_answer_is_asked_for_again(graph):
 @pytest.mark.parametrize(
     ("changes", "key"),
     [({"node_names": ("plant", "plant")}, "node_names"), ({"node_names": ("",)}, "node_names"),
-     ({"bond_timeout": 0.5}, "bond_timeout"), ({"bond_timeout": 1.0}, "bond_timeout")],
+     ({"bond_timeout": 0.5}, "bond_timeout"), ({"bond_timeout": 1.0}, "bond_timeout"),
+     ({"lockstep": True, "bond_timeout": 10.0}, "bond_timeout")],
 )  # fmt: skip
 def test_bad_values_are_named(changes, key):
     with pytest.raises(ValueError, match=f"^{key}: "):

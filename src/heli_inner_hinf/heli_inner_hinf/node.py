@@ -21,6 +21,7 @@ from heli_inner_hinf.controller_state import (
     AttitudeStatus,
     initial_law_state,
 )
+from heli_inner_hinf.controllers import swap_bumpless
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign, judged_design
 from heli_inner_hinf.estimate import (
     COMMAND,
@@ -216,8 +217,21 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         known = self.memory.lasting() if self.memory else None
         if isinstance(known, AttitudeConfig):
             return known
-        config = AttitudeConfig.from_parameters(self.values)
+        if self.values["lockstep"]:
+            config = AttitudeConfig.from_parameters(self.values)
+        else:
+            # So the process that judges changes has loaded all before there is a flight.
+            config = self._worked_out(self.values)
         self._keep(config)
+        return config
+
+    def _worked_out(self, values: Mapping[str, Any]) -> AttitudeConfig:
+        """A design, worked out elsewhere, so that no tick waits for Python's lock; or here."""
+        try:
+            config: AttitudeConfig = self._beside.call(judged_design, dict(values))
+        except BesideError as error:
+            self.get_logger().debug(f"judged in this process: {error}")
+            return judged_design(values)
         return config
 
     def _keep(self, config: AttitudeConfig) -> None:
@@ -244,6 +258,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         kernel = core.design.config.params
         self._load(core, kernel)
         core.law(core.x9, *_aims(core.aim), kernel, initial_law_state(kernel), core.u3)
+        swap_bumpless(initial_law_state(kernel), kernel)
         spare, command = initial_estimate(core.model), no_command(core.model, 0.0)
         listen(spare, command, core.inbox, 0, core.model, core.x9, core.aim)
         commanded(spare, 0, core.u3, core.model)
@@ -341,7 +356,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         if self.core.python_law.failure:
             level, message = Level.ERROR, self.core.python_law.failure
         elif code == AttitudeStatus.NOT_FINITE and not self.core.design.state[RUN]:
-            level, message = Level.WARN, _WAITS
+            level, message = Level.OK, _WAITS
         elif code == AttitudeStatus.NOT_FINITE:
             level = Level.ERROR
         elif self.tick - self.core.known.tick[0] > self.rate.of(_LATE_TICKS):
@@ -373,12 +388,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         """Synthesise the changed design; infeasible ones raise, before configuration too."""
         if set(changed) == {"expects_outer"}:
             return None
-        # Elsewhere, so that no tick waits for Python's lock; here, where that is not possible.
-        try:
-            config = self._beside.call(judged_design, dict(values))
-        except BesideError as error:
-            self.get_logger().debug(f"judged in this process: {error}")
-            config = judged_design(values)
+        config = self._worked_out(values)
         # Loaded now: the tick that flies it finds it compiled.
         _law_for(config.params)
         return config

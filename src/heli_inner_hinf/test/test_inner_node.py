@@ -8,8 +8,10 @@ from rclpy.parameter import Parameter
 from heli_core.rotations import quat_from_euler
 from heli_inner_hinf.node import InnerLoopNode
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.agreement import VERSION_TERM, terms
+from heli_msgs_bridge.diagnostics import FACT_DISAGREE, Level, status_array
 from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import encode_header
 
 
 @pytest.fixture
@@ -58,17 +60,45 @@ def test_a_new_flight_begins_as_the_first_one_did(inner):
 
 def lost_tick(inner, tick):
     """One tick of lockstep in which the observer has no solution; what inner_loop says of it."""
-    inner.send(topics.ROTOR_STATE, tick, np.zeros(3))
-    inner.send(topics.ODOM, tick, np.full(CHANNELS[topics.ODOM].size, np.nan))
+    stamp_ns = inner.node.stamp_ns(tick)
+    inner.receive(topics.NO_ESTIMATE, encode_header(stamp_ns, topics.MAP))
     assert inner.node.tick == tick
     return inner.node.health.level, inner.node.health.message
+
+
+def test_what_an_observer_of_another_version_sends_is_refused_and_counted(bench):
+    """Until one that agrees has taken its place."""
+    inner = bench(InnerLoopNode, expects_outer=False)
+    inner.fly()
+    tick_of(inner, 0)
+
+    def observer_tells(**changes):
+        # It has the parameters that all have.
+        told = terms("observer", inner.node.values) | changes
+        inner.receive(topics.AGREEMENT, status_array(0, "observer", "", "observer", told))
+
+    observer_tells()
+    tick_of(inner, 1)
+    for changes in ({VERSION_TERM: "1"}, {"rate_hz": "200"}):
+        refused = inner.node.core.refusals.get(topics.ODOM)
+        before = 0 if refused is None else refused.count
+        observer_tells(**changes)
+        tick_of(inner, 2)
+        assert inner.node.tick == 1 and inner.node.core.refusals[topics.ODOM].count == before + 1
+        (term,) = changes
+        assert term in inner.node.core.refused[topics.ODOM]
+        assert term in inner.node.standing_facts()[FACT_DISAGREE]
+    observer_tells()
+    assert FACT_DISAGREE not in inner.node.standing_facts()
+    tick_of(inner, 2)
+    assert inner.node.tick == 2
 
 
 def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     """While it aligns nothing is wrong; once the law has flown, its loss for long is an error."""
     inner = bench(InnerLoopNode, expects_outer=False)
     inner.fly()
-    waits = (Level.WARN, "waits for navigation: the trim is held")
+    waits = (Level.OK, "waits for navigation: the trim is held")
     assert [lost_tick(inner, tick) for tick in range(3)] == 3 * [waits]
     trim = inner.node.core.design.config.u_trim
     assert inner.sent[topics.ACTUATORS][-1][:3] == pytest.approx(trim[:3], abs=0.0)

@@ -49,6 +49,8 @@ that can be used. Who has nothing to say says so by NaN, so they are no fault by
 FACT_MISSING = "missing_peers"
 """What every node calls the peers that do not listen to it yet: those that it waits for, or without
 which it has begun."""
+FACT_DISAGREE = "disagreeing_peers"
+"""What every node calls the peers that it does not fly with, and what they have otherwise."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
 FACT_GPS_LATENCY = "gps_latency_ns"
@@ -246,6 +248,20 @@ class Level(IntEnum):
     WARN = 1
     ERROR = 2
     STALE = 3
+
+
+def status_array(
+    stamp_ns: int, name: str, hardware: str, message: str, values: Mapping[str, str]
+) -> Any:
+    """A DiagnosticArray with one status, OK, of a node's full name and its aircraft."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    array = DiagnosticArray()
+    array.header.stamp.sec, array.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    status = DiagnosticStatus(name=name, hardware_id=hardware, message=message, values=pairs)
+    array.status = [status]
+    return array
 
 
 class Reporter:

@@ -26,6 +26,7 @@ from rclpy.qos_overriding_options import (
     QosCallbackResult,
     QoSOverridingOptions,
 )
+from rclpy.serialization import deserialize_message
 
 from heli_core import command_line
 from heli_core.parameters import Parameter, load, stated, with_common
@@ -33,7 +34,9 @@ from heli_core.parameters import why_refused as why_refused
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import Rate, stamp_at
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.agreement import NODES, Agreement
 from heli_msgs_bridge.diagnostics import (
+    FACT_DISAGREE,
     FACT_FLOOD,
     FACT_MISSING,
     REPEAT_S,
@@ -41,10 +44,18 @@ from heli_msgs_bridge.diagnostics import (
     NodeState,
     Reporter,
     hardware_of,
+    status_array,
 )
 from heli_msgs_bridge.handover import respawns
 from heli_msgs_bridge.parameter_updates import Decision, ParameterUpdates
-from heli_msgs_bridge.peers import LOOK_S, PeerWait, begun_without, in_order, still_missing
+from heli_msgs_bridge.peers import (
+    LOOK_S,
+    PeerWait,
+    begun_without,
+    disagreeing,
+    in_order,
+    still_missing,
+)
 from heli_msgs_bridge.services import (
     ALWAYS_ANSWERED,
     Later,
@@ -363,6 +374,7 @@ class TableNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _apply_set(self, parameters: list[Any]) -> None:
+        """Take over a change that was judged."""
         changes = self.changes(parameters)
         if changes:
             self.values.update(changes)
@@ -414,8 +426,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     - configured: `core`, made by `configure`, given back by `release`;
     - active: `run`, made by `engage` when its peers listen, gone after `disengage`.
 
-    It answers in all of them, and between them: what takes long is made in a thread of its own
-    (`BESIDE`), and who waits for its peers looks for them now and then.
+    It answers in all of them, and between them: `configure` runs in a thread of its own where the
+    executor runs, so it subscribes by `subscribe` alone, or in `once_configured`; and who waits for
+    its peers looks for them now and then.
 
     Sub-classes set `SPEC`, implement `configure`, and of the other hooks what they need.
     Publishers, subscriptions and timers made by `create_topic_publisher`, `subscribe` and
@@ -442,6 +455,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         Whether nodes that die are started again.
     sent : dict or None
         Per topic the last messages that were sent, where somebody wants to know.
+    agreement : Agreement
+        What peers say of what all must agree on.
     asked_to_end : callable
         Whether the process has been sent a signal.
     notify_end : callable
@@ -451,9 +466,6 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     PATIENCE_S: ClassVar[float] = 0.0
     """Wall time for which what comes may wait: a node for which nobody waits lets the others go
     first, and takes many messages at once."""
-    BESIDE: ClassVar[bool] = False
-    """Whether `configure` takes long, so that a thread of its own makes it where the executor
-    runs. It then subscribes by `subscribe` alone."""
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
@@ -471,7 +483,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         self._looks: Any = None
         self._building: threading.Thread | None = None
         self._ends: list[ExitStack] = []
-        self._unheard: list[Callable[[], None]] = []
+        self._waiting: list[Callable[[], None]] = []
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPEAT_S, self.guarded(self.repeat_report), clock=steady)
         self._service_change_state.callback = self._change_state
@@ -479,6 +491,11 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         for service in self.services:
             limited = service.srv_type not in ALWAYS_ANSWERED
             guard(service, self.requests.warn, self.requests.flooded if limited else not_flooded)
+        self.agreement = Agreement(self.SPEC.name, self.values)
+        self._terms: dict[str, str] = {}
+        self._tell_terms: Callable[[], None] = _nothing
+        if self.SPEC.name in NODES:
+            self._agree()
 
     # --- for sub-classes to implement ----------------------------------------------------------
 
@@ -511,6 +528,56 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def awaited_links(self) -> Mapping[str, Collection[str]]:
         """Topics of others whose listeners must be ready, too, before the flight starts."""
         return {}
+
+    # --- what all must agree on ------------------------------------------------------------------
+
+    def _agree(self) -> None:
+        """Tell what others must agree on, to those who come later, too; hear what they tell."""
+        kind, qos = topics.message_class(topics.BY_NAME[topics.AGREEMENT].type), topics.AGREEMENT
+        publisher = signing(self.create_publisher(kind, topics.AGREEMENT, topics.qos(qos)))
+        name = self.get_fully_qualified_name().lstrip("/")
+
+        def tell() -> None:
+            if (terms := self.agreement.own) != self._terms:
+                self._terms = terms
+                array = status_array(
+                    self.now_ns(), name, hardware_of(self.get_namespace()), self.SPEC.name, terms
+                )
+                publisher.publish(array)
+
+        self._tell_terms = tell
+        tell()
+        signature = signature_of(self.resolve_topic_name(topics.AGREEMENT))
+
+        def hear(raw: bytes) -> None:
+            if signature is None or signature.is_genuine(raw):
+                self._hear_terms(deserialize_message(raw, kind))
+
+        self.create_subscription(
+            kind, topics.AGREEMENT, self.guarded(hear), topics.qos(qos), raw=True
+        )
+
+    def _hear_terms(self, message: Any) -> None:
+        before = disagreeing(self.agreement.broken)
+        for status in message.status:
+            told = {pair.key: pair.value for pair in status.values}
+            name = status.name.rpartition("/")[2]
+            if name != self.get_name():
+                self.agreement.hear(name, status.message, told)
+        self.judge_peers()
+        now = disagreeing(self.agreement.broken)
+        if now and now != before:
+            self.get_logger().warning(f"not flown with {now}")
+
+    def judge_peers(self) -> None:
+        """Look whose messages are used: peers have told what must be agreed on, or have left."""
+
+    def _apply_set(self, parameters: list[Any]) -> None:
+        """Take over a change that was judged, and tell it to those who must agree on it."""
+        super()._apply_set(parameters)
+        self._tell_terms()
+        self.agreement.judge()
+        self.judge_peers()
 
     # --- the process ---------------------------------------------------------------------------
 
@@ -561,8 +628,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     def create_topic_publisher(self, topic: str) -> Callable[[Any], None]:
         """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
-        cls = topics.message_class(topics.KNOWN[topic].type)
-        again = self.respawns and bool(topics.KNOWN[topic].every_ticks)
+        row = topics.KNOWN[topic]
+        cls = topics.message_class(row.type)
+        again = self.respawns and bool(row.every_ticks or row.replaces)
         kept = topics.qos(topic, self._history(), again)
         publisher = self.create_lifecycle_publisher(cls, topic, kept)
         self.outputs[topic] = publisher
@@ -599,11 +667,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         cls = topics.message_class(topics.BY_NAME[topic].type)
         lockstep = self.values["lockstep"]
         profiles = topics.qos_to_hear(topic, lockstep=lockstep) if qos is None else (qos,)
-        overriding = None
-        if qos is None and topics.BY_NAME[topic].every_ticks:
-            overriding = QoSOverridingOptions.with_default_policies(
-                callback=partial(_judge_overrides, lockstep=lockstep)
-            )
+        overriding = self.qos_overriding(topic) if qos is None else None
         once = DuplicateFilter()
 
         def listen() -> None:
@@ -622,10 +686,21 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
                 )
                 self.at_end(partial(self.destroy_subscription, subscription))
 
+        self.once_configured(listen)
+
+    def once_configured(self, action: Callable[[], None]) -> None:
+        """Do this when `configure` has succeeded, in the executor's thread; now, if it has."""
         if self.configured:
-            listen()
+            action()
         else:
-            self._unheard.append(listen)
+            self._waiting.append(action)
+
+    def qos_overriding(self, topic: str) -> QoSOverridingOptions | None:
+        """That a user's `qos_overrides.<topic>.subscription.*` count, of a stream of the graph."""
+        if topic not in topics.BY_NAME or not topics.BY_NAME[topic].every_ticks:
+            return None
+        judge = partial(_judge_overrides, lockstep=self.values["lockstep"])
+        return QoSOverridingOptions.with_default_policies(callback=judge)
 
     def create_guarded_service(
         self, kind: Any, name: str, answer: Callable[[Any, Any], Any]
@@ -639,7 +714,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         """How many requests came too often, if any did; who is waited for or missed."""
         flood = self.requests.summary()
         missing = in_order(self.missing if self._wait is None else self._wait.missing)
-        facts = {FACT_FLOOD: flood, FACT_MISSING: missing}
+        broken = disagreeing(self.agreement.broken)
+        facts = {FACT_FLOOD: flood, FACT_MISSING: missing, FACT_DISAGREE: broken}
         return {key: text for key, text in facts.items() if text}
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], None]) -> Any:
@@ -710,7 +786,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self.get_logger().warning(f"refused: {error}")
             response.success = False
             return response
-        if number != Transition.TRANSITION_CONFIGURE or not self.BESIDE:
+        if number != Transition.TRANSITION_CONFIGURE:
             response.success = trigger_of(self, number)() == _SUCCESS
             return response
         later = Later()
@@ -731,22 +807,19 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
                 self.not_started = True
                 self.notify_end()
 
-        if self.BESIDE:
-            self._configure_beside(activate)
-        else:
-            activate(self.trigger_configure())
+        self._configure_beside(activate)
 
     def _build(self) -> Core:
         """Build everything from the present parameters."""
         self._ends.append(ExitStack())
-        self._unheard.clear()
+        self._waiting.clear()
         return self.configure()
 
     def _built(self, core: Core) -> None:
         """Be configured: listen to what comes."""
         self._core = core
-        for listen in self._unheard:
-            listen()
+        for action in self._waiting:
+            action()
 
     def _configure_beside(self, then: Callable[[TransitionCallbackReturn], None]) -> None:
         """Configure in a thread of its own; `then` is called in the executor's.

@@ -47,7 +47,6 @@ from heli_msgs_bridge.topics import BASE, MAP, ODOM, in_namespace
 __all__ = [
     "CHANNELS",
     "FIX_STATUS",
-    "ClockDecoder",
     "ClockEncoder",
     "CutOffError",
     "Decoder",
@@ -289,16 +288,28 @@ class ClockEncoder:
         return _CLOCK.pack(_CLOCK_HEADER, *divmod(stamp_ns, NS_PER_S))
 
 
-class ClockDecoder:
-    """Serialised `rosgraph_msgs/Clock` -> its time as `stamp_ns`, and no numbers besides."""
+def encode_header(stamp_ns: int, frame: str) -> bytes:
+    """Serialised `std_msgs/Header`."""
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    return bytes(Layout().put("i", sec).put("I", nanosec).text(frame).data)
 
-    def __init__(self) -> None:
+
+class StampDecoder:
+    """Serialised message that begins with a time, as Clock and Header do -> `stamp_ns` alone.
+
+    Parameters
+    ----------
+    topic : str
+    """
+
+    def __init__(self, topic: str) -> None:
         self.array, self.stamp_ns = np.zeros(0), 0
+        self._topic = topic
 
     def decode(self, raw: bytes) -> NDArray[np.float64]:
         """Read the time; raises CutOffError."""
         if len(raw) < _CLOCK_BYTES:
-            raise CutOffError(f"{topics.CLOCK}: a message of {len(raw)} bytes is cut off")
+            raise CutOffError(f"{self._topic}: a message of {len(raw)} bytes is cut off")
         self.stamp_ns = stamp_of(raw)
         return self.array
 

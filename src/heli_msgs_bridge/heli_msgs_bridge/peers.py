@@ -8,7 +8,7 @@ waits is active, looks now and then, and answers meanwhile.
 """
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,11 @@ def in_order(peers: Iterable[str]) -> str:
     return ", ".join(sorted(peers))
 
 
+def disagreeing(broken: Mapping[str, str]) -> str:
+    """What a node says of peers that it does not fly with; empty if there are none."""
+    return "; ".join(why for _, why in sorted(broken.items()))
+
+
 def waiting_for(peers: Iterable[str], comes: bool = True, alone_s: float = 0.0) -> str:
     """What a node says while it waits for peers.
 
@@ -77,7 +82,7 @@ def _names(node: Any, peer: str) -> set[str]:
 
 def _missing(node: Any, topic: str, expected: Iterable[str]) -> frozenset[str]:
     infos = node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))
-    listening = {info.node_name for info in infos}
+    listening = {info.node_name for info in infos} - node.agreement.broken.keys()
     left = set(expected) - listening
     return frozenset(peer for peer in left if not _names(node, peer) & listening)
 
@@ -150,7 +155,8 @@ class PeerWait:
         if (first := next(_all_absent(node), None)) is None:
             self.missing = frozenset()
             return True
-        present = self._present()
+        broken = node.agreement.broken
+        present = self._present() - broken.keys()
         if now_s - self._named_s > _NAME_S:
             self._named_s = now_s
             self.missing = _peers(_all_absent(node))
@@ -164,6 +170,8 @@ class PeerWait:
         elif not present & _KNOWN_NODES.union(node.values["peers"]) - {node.get_name()}:
             limit_s = min(limit_s, ALONE_S)
         self.sentence = waiting_for(self.missing, gets_ready, limit_s)
+        if broken:
+            self.sentence += f"; not flown with {disagreeing(broken)}"
         if now_s - self._seen_s <= limit_s:
             return False
         self.missing = _peers(_all_absent(node))

@@ -38,6 +38,8 @@ _MOST_PERIODS, _MOST_OTHERS = 4, 64
 _LEAST_BYTES = 12
 SUCCESSOR_S = 0.08
 """Wall time after which a successor succeeds an owner that is not heard."""
+FOLLOWED_S = 0.5
+"""Wall time for which an owner that is not heard counts as one that is followed."""
 
 
 def with_info(hearer: MessageCallback) -> Callable[..., None]:
@@ -172,6 +174,11 @@ class PublisherLock:
         self._last: tuple[int | None, bytes, float] = (None, b"", 0.0)
         self._others: set[int] = set()
         self.ignored = self.successions = 0
+
+    @property
+    def followed(self) -> bool:
+        """Whether there is an owner that was heard lately."""
+        return self._number is not None and self._now_s() - self._heard_s < FOLLOWED_S
 
     def admits(self, raw: bytes, info: Info | None) -> bool:
         """Whether a serialised message is the owner's; without info it counts as the owner's."""

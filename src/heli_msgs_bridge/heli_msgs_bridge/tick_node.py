@@ -39,7 +39,8 @@ from heli_msgs_bridge.lockstep import (
     stamp_refusal,
 )
 from heli_msgs_bridge.message_size import MOST_BYTES, too_long
-from heli_msgs_bridge.messages import ClockDecoder, Decoder, Encoder, Variance
+from heli_msgs_bridge.messages import Decoder, Encoder, StampDecoder, Variance
+from heli_msgs_bridge.peers import disagreeing
 from heli_msgs_bridge.services import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
@@ -155,8 +156,34 @@ def off_tick_refusal(topic: str, stamp_ns: int) -> str:
     return f"{topic}: stamp {stamp_ns} ns is not on a tick"
 
 
+class Taker(Protocol):
+    """What takes messages by tick: a pace."""
+
+    def take(self, topic: str, tick: int, value: Any) -> None:
+        """A message stamped with a tick; None if it cannot be used."""
+
+
+class Absence:
+    """That some topics have no message of a tick: to a pace, one of each that cannot be used.
+
+    Parameters
+    ----------
+    pace : Taker
+    absent : sequence of str
+        The topics.
+    """
+
+    def __init__(self, pace: Taker, absent: Sequence[str]) -> None:
+        self._pace, self._absent = pace, tuple(absent)
+
+    def take(self, topic: str, tick: int, value: Any) -> None:
+        """The message that says so."""
+        for name in self._absent:
+            self._pace.take(name, tick, None)
+
+
 def receiver(
-    node: SubscribingNode, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
+    node: SubscribingNode, item: Input, decoder: Decoder | StampDecoder, pace: Taker
 ) -> Callable[[bytes], bool]:
     """Callback for the serialised messages of a topic; returns whether one is of its type.
 
@@ -165,9 +192,9 @@ def receiver(
     node : SubscribingNode
         Told of what is refused.
     item : Input
-    decoder : Decoder or ClockDecoder
+    decoder : Decoder or StampDecoder
         Of its topic.
-    pace : Pace
+    pace : Taker
         Takes a row, or None for one that is none, by tick.
     """
     topic, off_tick, start_ns = item.topic, item.off_tick, node.start_ns
@@ -322,12 +349,12 @@ NodeCore = TypeVar("NodeCore", bound=TickCore)
 class TickNode(RespawnableNode[NodeCore, Run]):
     """Collects inputs by tick and calls `step` (`stepping` says when)."""
 
-    BESIDE = True
-
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self._owners: dict[str, PublisherLock] = {}
         self._demands: dict[str, Demand] = {}
+        # Per topic, why nothing that comes on it is used.
+        self._barred: dict[str, str] = {}
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
         self.links = HeardLinks(self.SPEC.name, {}, values)
@@ -398,21 +425,47 @@ class TickNode(RespawnableNode[NodeCore, Run]):
                 self.create_wall_timer(_WATCH_PERIOD_S, pace.look)
         # The clock first: who finds the others in the graph knows that it is heard, too.
         for item in sorted(inputs, key=lambda i: i.topic != topics.CLOCK):
-            decoder: Decoder | ClockDecoder
             if item.topic == topics.CLOCK:
-                decoder = ClockDecoder()
+                self._hear(item, StampDecoder(item.topic), pace)
             else:
                 place = datum if item.topic == topics.GPS_FIX else None
-                decoder = Decoder(item.topic, place, namespace=self.get_namespace())
-            owner = owners[item.topic] = self._owner(item.topic)
-            receive = receiver(self, item, decoder, pace)
-            ignored = partial(self._look_at_senders, item.topic, owner)
-            self.subscribe(
-                item.topic, receive, qos=self.repeated(), raw=True, owner=owner, ignored=ignored
-            )
+                self._hear(item, Decoder(item.topic, place, namespace=self.get_namespace()), pace)
+        for row in topics.TABLE:
+            if absent := [name for name in row.replaces if name in lags]:
+                self._hear(Input(row.name, Demand()), StampDecoder(row.name), Absence(pace, absent))
         self.create_wall_timer(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
         self._demands = {item.topic: item.demand for item in inputs}
         return pace
+
+    def _hear(self, item: Input, decoder: Decoder | StampDecoder, pace: Taker) -> None:
+        """Subscribe to a topic: the messages of its owner become rows by tick."""
+        owner = self._owners[item.topic] = self._owner(item.topic)
+        receive = receiver(self, item, decoder, pace)
+
+        def hear(raw: bytes) -> bool:
+            if item.topic in self._barred:
+                self.refuse_aloud(item.topic, f"{item.topic}: {self._barred[item.topic]}")
+                return False
+            return receive(raw)
+
+        ignored = partial(self._look_at_senders, item.topic, owner)
+        self.subscribe(
+            item.topic, hear, qos=self.repeated(), raw=True, owner=owner, ignored=ignored
+        )
+
+    def judge_peers(self) -> None:
+        """Bar the topics whose senders do not agree with this node.
+
+        Who is followed now stays followed: a node tells its terms before it sends, so false terms
+        of another one stop nothing. A peer may be heard before its publishers are known.
+        """
+        broken, barred = self.agreement.broken, dict[str, str]()
+        for topic, owner in list(self._owners.items()) if broken else ():
+            senders = {name for _, name in senders_of(self, topic)}
+            bad = (broken.keys() & senders) | self.agreement.of_kinds(topics.BY_NAME[topic].source)
+            if bad and (topic in self._barred or not owner.followed):
+                barred[topic] = disagreeing({name: broken[name] for name in bad})
+        self._barred = barred
 
     def _tell_silence(self) -> None:
         """Real time: nobody triggers this node; it says so at once."""
@@ -485,6 +538,9 @@ class TickNode(RespawnableNode[NodeCore, Run]):
     def _look_at_all_senders(self, owners: Mapping[str, PublisherLock]) -> None:
         """Once a second: whether a topic has more than one sender, and who they are."""
         self.core.rivals.clear()
+        if self.agreement.broken:
+            self.agreement.keep(name for _, name in senders_of(self, topics.AGREEMENT))
+            self.judge_peers()
         for topic, owner in owners.items():
             self._look_at_senders(topic, owner)
 

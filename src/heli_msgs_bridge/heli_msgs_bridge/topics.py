@@ -31,6 +31,8 @@ BARO = sensors.BARO.topic
 ROTOR_SPEED = sensors.ROTOR_SPEED.topic
 ODOM = "odom"
 ROTOR_STATE = "rotor_state"
+NO_ESTIMATE = "no_estimate"
+"""A tick of which the observer knows nothing, in the place of `ODOM` and `ROTOR_STATE`."""
 REFERENCE = "reference"
 GOTO = "goto"
 GOTO_GPS = "goto_gps"
@@ -49,6 +51,8 @@ TRUTH_ROTOR = "ground_truth/rotor_state"
 EXCITATION_ACTUATORS = "excitation/actuators"
 EXCITATION_ATTITUDE = "excitation/attitude"
 EXCITATION_WIND = "excitation/wind"
+AGREEMENT = "agreement"
+"""What each node must agree on with the others (`heli_msgs_bridge.agreement`), told once."""
 DIAGNOSTICS = "/diagnostics"
 TF, TF_STATIC = "/tf", "/tf_static"
 ROBOT_DESCRIPTION = "robot_description"
@@ -103,6 +107,9 @@ class Topic:
         History depth of a latched topic: how many a late or slow listener gets.
     optional : bool
         True if it is sent, and listened to, only where both are configured for it.
+    replaces : tuple of str
+        Topics that have no message of a tick of which this one speaks: who waits for theirs goes on
+        without.
     """
 
     name: str
@@ -113,6 +120,7 @@ class Topic:
     latched: bool = False
     kept: int = 1
     optional: bool = False
+    replaces: tuple[str, ...] = ()
 
     @property
     def rate_hz(self) -> float:
@@ -125,7 +133,8 @@ class Topic:
 
 
 _PLANT, _OBSERVER, _INNER, _OUTER = ("plant",), ("observer",), ("inner_loop",), ("outer_loop",)
-_ALL = ("plant", "observer", "inner_loop", "outer_loop", "recorder", "scenario", "live_view")
+_FLYING = ("plant", "observer", "inner_loop", "outer_loop")
+_ALL = (*_FLYING, "recorder", "scenario", "live_view")
 _JOINTS = "sensor_msgs/msg/JointState"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 _POSE = "geometry_msgs/msg/PoseStamped"
@@ -147,6 +156,14 @@ TABLE: tuple[Topic, ...] = (
     *map(_samples, sensors.PLAIN),
     Topic(ODOM, _ODOMETRY, _OBSERVER, _INNER + _OUTER, 1),
     Topic(ROTOR_STATE, _JOINTS, _OBSERVER, _INNER, 1),
+    Topic(
+        NO_ESTIMATE,
+        "std_msgs/msg/Header",
+        _OBSERVER,
+        _INNER + _OUTER,
+        0,
+        replaces=(ROTOR_STATE, ODOM),
+    ),
     Topic(
         REFERENCE,
         "trajectory_msgs/msg/MultiDOFJointTrajectory",
@@ -181,6 +198,15 @@ TABLE: tuple[Topic, ...] = (
         optional=True,
     ),
     Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1, optional=True),
+    Topic(
+        AGREEMENT,
+        "diagnostic_msgs/msg/DiagnosticArray",
+        (*_FLYING, "recorder"),
+        (),
+        0,
+        latched=True,
+        kept=64,  # of all nodes together
+    ),
     Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _ALL, (), 0),
 )
 
@@ -218,6 +244,7 @@ SENDING_ORDER: tuple[str, ...] = (
     CLOCK,
     ODOM,
     ROTOR_STATE,
+    NO_ESTIMATE,
     TF,
     ATTITUDE_SETPOINT,
     COLLECTIVE,

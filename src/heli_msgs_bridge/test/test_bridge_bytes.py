@@ -36,7 +36,15 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import FixedMessage, Layout, stamp_of
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import CHANNELS, EXACT_VARIANCE
-from heli_msgs_bridge.messages import ClockEncoder, Decoder, Encoder, rclpy_deserializer
+from heli_msgs_bridge.messages import (
+    ClockEncoder,
+    CutOffError,
+    Decoder,
+    Encoder,
+    StampDecoder,
+    encode_header,
+    rclpy_deserializer,
+)
 
 ORIGIN = datum(28.17, 112.93, 50.0)
 EXTREMES = [
@@ -256,6 +264,7 @@ def test_every_stream_of_the_graph_is_here():
     of_pilots |= {topics.GOTO_GPS}
     of_pilots |= {topics.COMMAND_ATTITUDE, topics.COMMAND_CLIMB, topics.GOAL}
     objects = {topics.REFERENCE, topics.DIAGNOSTICS, topics.CLOCK} | of_pilots
+    objects |= {topics.AGREEMENT, topics.NO_ESTIMATE}
     assert set(MESSAGES) == set(CHANNELS) == set(topics.BY_NAME) - objects
     for name, build in MESSAGES.items():
         size = CHANNELS[name].layout().block_size
@@ -287,6 +296,17 @@ def test_any_doubles_at_any_time_are_the_bytes_of_rclpy(topic, search):
 def test_clock_is_the_bytes_of_rclpy(sec, nanosec):
     clock = Clock(clock=Time(sec=sec, nanosec=nanosec))
     assert ClockEncoder().encode(sec * 10**9 + nanosec) == serialize_message(clock)
+
+
+def test_a_header_is_the_bytes_of_rclpy():
+    header = Header(frame_id="map")
+    header.stamp.sec, header.stamp.nanosec = 12, 340_000_000
+    raw = encode_header(12_340_000_000, "map")
+    assert raw == serialize_message(header)
+    decoder = StampDecoder(topics.NO_ESTIMATE)
+    assert decoder.decode(raw).size == 0 and decoder.stamp_ns == 12_340_000_000
+    with pytest.raises(CutOffError):
+        decoder.decode(raw[:11])
 
 
 # --- arrays of the cores (NED, FRD) as messages (ENU, FLU), and back ---------------------------

@@ -8,7 +8,13 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_msgs_bridge.messages import Encoder
 from heli_msgs_bridge.signatures import KEY_BYTES, Signature
-from heli_msgs_bridge.sources import SUCCESSOR_S, PublisherLock, is_message, locked
+from heli_msgs_bridge.sources import (
+    FOLLOWED_S,
+    SUCCESSOR_S,
+    PublisherLock,
+    is_message,
+    locked,
+)
 
 PERIOD_NS = 10_000_000
 ENCODE = Encoder(topics.BARO).encode
@@ -54,6 +60,17 @@ def test_a_faster_sender_whose_numbers_pass_the_owners_is_told_by_its_stamps(top
             assert not topic.hears(other, tick=179_000_000 + other), (number, other)
             other += 1
         assert topic.hears(number, tick=number), (number, other)
+
+
+def test_an_owner_is_followed_as_long_as_it_is_heard(topic):
+    assert not topic.owner.followed
+    topic.hears(1)
+    topic.time_s = 0.9 * FOLLOWED_S
+    assert topic.owner.followed
+    topic.time_s = FOLLOWED_S
+    assert not topic.owner.followed
+    topic.hears(2)
+    assert topic.owner.followed
 
 
 def test_the_owners_lost_messages_cost_it_nothing(topic):

@@ -18,14 +18,16 @@ from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Arrived, Demand
-from heli_msgs_bridge.messages import FrameTree, encode_transforms
+from heli_msgs_bridge.messages import FrameTree, encode_header, encode_transforms
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_observer.dual_imu import NAMES, PAIR, WHY_WORDS
-from heli_observer.layout import COUNTER_NAMES, ObserverState, ObserverStatus
+from heli_observer.layout import COUNT, COUNTER_NAMES, ObserverState, ObserverStatus
 from heli_observer.observer import INPUTS, ObserverConfig, initial_state, status, step
 from heli_observer.parameters import NODE_NAME, TABLE
 
+_ALIGNED_S = 1.0
+"""Of flight time, in which an alignment should be done."""
 _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 
 
@@ -33,14 +35,15 @@ _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 class Navigation(TickCore):
     """What the observer has while it is configured: numbers, state, what has come, outputs.
 
-    `send_tf` is None where the type of /tf is not installed; `step` and `status` are compiled
-    for these numbers.
+    `send_absence` says of a tick that there is no estimate; `send_tf` is None where the type of
+    /tf is not installed; `step` and `status` are compiled for these numbers.
     """
 
     config: ObserverConfig
     state: ObserverState
     send_odom: Send
     send_rotor: Send
+    send_absence: Callable[[bytes], None]
     send_tf: Callable[[bytes], None] | None
     frames: FrameTree
     inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
@@ -89,6 +92,7 @@ class ObserverNode(TickNode[Navigation, None]):
             state=initial_state(config),
             send_odom=self.create_sender(topics.ODOM, (rate_variance(v),)),
             send_rotor=self.create_sender(topics.ROTOR_STATE),
+            send_absence=self.create_topic_publisher(topics.NO_ESTIMATE),
             send_tf=self.create_topic_publisher(topics.TF) if topics.installed(topics.TF) else None,
             frames=FrameTree(self.get_namespace(), self.rate.tick_s),
             pace=self.listen(inputs, origin),
@@ -125,8 +129,11 @@ class ObserverNode(TickNode[Navigation, None]):
         deliver(core.inbox, INPUTS, arrived)
         core.step(core.state, core.inbox, tick, core.config.params, core.out)
         stamp_ns = self.stamp_ns(tick)
-        core.send_odom(core.out, stamp_ns)
-        core.send_rotor(core.out[NAV.rotor], stamp_ns)
+        if np.isfinite(core.out).all():
+            core.send_odom(core.out, stamp_ns)
+            core.send_rotor(core.out[NAV.rotor], stamp_ns)
+        else:
+            core.send_absence(encode_header(stamp_ns, topics.MAP))
         if core.send_tf is not None and core.frames.follow(core.out, tick):
             if tick % self.rate.every(topics.KNOWN[topics.TF].every_ticks) == 0:
                 core.send_tf(encode_transforms(core.frames.transforms(core.out), stamp_ns))
@@ -147,7 +154,14 @@ class ObserverNode(TickNode[Navigation, None]):
             }
             aligns = named == ObserverStatus.ALIGNING
             state = NodeState.WAITING if aligns else NodeState.RUNNING
-            self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts, state)
+            self.warn_or_ok(self._level(named), named.sentence, facts, state)
+
+    def _level(self, named: ObserverStatus) -> Level:
+        """An alignment is no fault, unless it takes long."""
+        aligned_s = self.rate.seconds(self.tick - int(self.core.state.count[COUNT.begun]))
+        if named == ObserverStatus.ALIGNING and aligned_s < _ALIGNED_S:
+            return Level.OK
+        return _LEVELS.get(named, Level.WARN)
 
 
 def _events(state: ObserverState) -> dict[str, int]:

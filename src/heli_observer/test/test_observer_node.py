@@ -6,6 +6,7 @@ import pytest
 
 from heli_core.rows import MEAS
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
 from heli_observer.layout import COUNT
 from heli_observer.node import ObserverNode
 from support.synthetic_sensors import hover_path, synthesize
@@ -47,6 +48,23 @@ def test_diagnostics_count_what_was_fused_and_what_was_rejected(observer):
     assert facts["mag_rejected"] == observer.node.core.state.count[COUNT.mag_rejected]
     assert facts["gps_fused"] > 10 and facts["baro_fused"] > 40
     assert "gps_position_rejected" not in facts and "tick_gaps" not in facts
+
+
+def test_while_it_aligns_it_says_so_and_sends_no_numbers(observer):
+    """Each tick has its message: of what is known, or of that nothing is."""
+    y = np.ascontiguousarray(synthesize(hover_path(), observer.node.values, 2.0, seed=8).y)
+    for tick in range(101):
+        tick_of(observer, tick, y[tick])
+    sent = observer.sent
+    absent, rows = sent[topics.NO_ESTIMATE], sent[topics.ODOM]
+    stamps = [stamp_of(raw) for raw in absent]
+    assert stamps == [observer.node.stamp_ns(tick) for tick in range(len(absent))]
+    assert 0 < len(absent) < 101 and len(absent) + len(rows) == 101
+    assert len(sent[topics.ROTOR_STATE]) == len(rows)
+    assert all(row is not None for row in (*rows, *sent[topics.ROTOR_STATE]))
+    observer.again()
+    tick_of(observer, 101, y[101])
+    assert len(sent[topics.NO_ESTIMATE]) == len(absent) + 1 and len(rows) == 101 - len(absent)
 
 
 def test_a_receiver_without_a_fix_is_not_waited_for(observer):

@@ -524,7 +524,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             message = flown_in_words(phases.phase, core.state, message)
             message = outside(phases.fence_distance_m, message)
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
-            level, message = Level.WARN, _WAITS
+            level, message = Level.OK, _WAITS
         else:
             level = Level.ERROR
         if core.flies.failure:

@@ -60,14 +60,18 @@ class Crew:
         self.executor.add_node(self.client)
         self.nodes, self._clients = {}, {}
 
-    def join(self, *names):
-        """Make nodes, as their processes do when they start."""
+    def join(self, *names, **changes):
+        """Make nodes, as their processes do when they start; with values of their own."""
+        own = {name.replace("__", "."): value for name, value in changes.items()}
         for name in names:
             kind = KINDS[name]
             values = kind.SPEC.resolve()
             overrides = {"autostart": False, "peers": [], "peer_timeout_s": 0.05}
             overrides |= {"bag": str(self._folder / f"bag{time.monotonic_ns()}")}
-            overrides |= {"port": 0, "foxglove": False, "nice": 0} | self._changes
+            if name == "lifecycle_manager":
+                # It flies nothing: the bond must be shorter.
+                del overrides["peer_timeout_s"]
+            overrides |= {"port": 0, "foxglove": False, "nice": 0} | self._changes | own
             values |= {key: value for key, value in overrides.items() if key in values}
             self.nodes[name] = kind(values, context=self.context)
             self.executor.add_node(self.nodes[name])

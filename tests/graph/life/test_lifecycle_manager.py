@@ -20,8 +20,8 @@ def led(crew):
 
     def make(**changes):
         changes = {"peer_timeout_s": 0.05} | changes
-        one = crew(*NODES, MANAGER, duration_s=600.0, node_names=NODES, **changes)
-        one.bring_up(MANAGER)
+        one = crew(*NODES, duration_s=600.0, node_names=NODES, **changes)
+        one.join(MANAGER, **PATIENT).bring_up(MANAGER)
         return one
 
     return make
@@ -65,14 +65,20 @@ def test_who_refuses_is_named(led):
 
 
 def test_who_is_lost_and_comes_back_is_brought_up(led):
-    """The observer's process dies; another one is started in its place, as by launch."""
+    """The observer's process dies; another one is started in its place, as by launch.
+
+    Time stands still meanwhile: the plant is paused.
+    """
     crew = led(bond_timeout=2.0, bond_respawn_max_duration=120.0, **PATIENT)
     assert order(crew, "startup").success
     crew.spin_until(lambda: crew.nodes["plant"].tick > 20)
     crew.leave("observer")
     crew.spin_until(lambda: system(crew) == SystemState.RECONNECTING)
     assert "observer is lost" in crew.nodes[MANAGER].health.message
-    assert [crew.state(name) for name in NODES if name != "observer"] == [ACTIVE] * 4
+    assert "time stands still" in crew.nodes[MANAGER].health.message
+    plant = crew.nodes["plant"]
+    crew.spin_until(lambda: crew.state("plant") == INACTIVE)
+    assert states(crew) == [ACTIVE] * 3 + [INACTIVE] and plant.core.fallback.ticks == 0
     crew.join("observer")
     crew.spin_until(lambda: system(crew) == SystemState.ACTIVE)
     assert states(crew) == [ACTIVE] * len(NODES)

@@ -8,8 +8,12 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from rcl_interfaces.srv import GetParameters
 
+from heli_bags.node import RecorderNode
 from heli_dynamics_sim.node import PlantNode
+from heli_flight.graph.lifecycle_manager_node import LifecycleManagerNode
+from heli_flight.graph.scenario_node import ScenarioNode
 from heli_inner_hinf.node import InnerLoopNode
+from heli_live_view.node import LiveViewNode
 from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.lifecycle_node import NodeStartError
 from heli_msgs_bridge.peers import begun_without
@@ -131,7 +135,11 @@ class Held:
         return self._configure(node)
 
 
-@pytest.mark.parametrize("kind", [ObserverNode, InnerLoopNode, PlantNode])
+@pytest.mark.parametrize(
+    "kind",
+    [ObserverNode, InnerLoopNode, PlantNode, RecorderNode, LiveViewNode, ScenarioNode,
+     LifecycleManagerNode],
+)  # fmt: skip
 def test_one_that_is_being_configured_answers(crew, kind, monkeypatch):
     """Kernels and designs may take a minute; the state says so, and no transition is taken."""
     name, held = kind.SPEC.name, Held(kind.configure)

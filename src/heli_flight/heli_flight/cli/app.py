@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, replay, ardupilot, campaign, design, identify, compare, report, score,
-diff, list, bag, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python.
+diff, list, bag, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python, setup.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -203,6 +203,30 @@ def report(
     for written in filter(None, (page, printed)):
         print(f"written: {written}")
     return code
+
+
+@app.command(
+    epilog="\b\nexample:\n  heli setup --interfaces\n\n"
+    "exit code: 0 all is there, 2 it cannot be built (one line)"
+)
+def setup(
+    interfaces: Annotated[
+        bool,
+        typer.Option(help="build the types of actions (heli_interfaces) and of /tf, once; minutes"),
+    ] = False,
+) -> None:
+    """Say what is set up; build what a flight does without, the types of actions and transforms."""
+    from heli_flight.interface_build import are_built, build, can_build
+
+    prefix = Path(sys.prefix)
+    if interfaces:
+        can_build(_CHECKOUT)
+        build(_CHECKOUT, prefix, lambda line: print(line, file=sys.stderr, flush=True))
+    there = find_spec("heli_interfaces") is not None and (
+        not interfaces or are_built(_CHECKOUT, prefix)
+    )
+    print(f"environment: {prefix}")
+    print(f"types of actions and transforms: {'there' if there else 'not built'}")
 
 
 # Studies are an extra: where it is installed it brings commands of its own.

@@ -74,7 +74,7 @@ class LifecycleManagerNode(ManagedNode[Crew, None]):
         genuine = None if signature is None else signature.is_genuine
         reports = NodeReports(self.get_namespace(), self.get_name(), genuine)
         manager = Manager(self.values, lifecycle, self._tell, partial(_reason, reports))
-        self._listen()
+        self.once_configured(self._listen)
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.subscribe(topics.CLOCK, self._take_clock, newest, raw=True)
         return Crew(lifecycle, reports, manager, Restarts())

@@ -2,13 +2,16 @@
 """Leads nodes through their life cycles together, and watches that they live: Nav2's semantics.
 
 Commands are those of nav2_lifecycle_manager, and so is the bond: a node that was activated and is
-not heard any more, or was started again, is lost. Two things differ. All nodes are configured at
-once, as each compiles and loads for itself. And who is lost is given `bond_respawn_max_duration` to
+not heard any more, or was started again, is lost. Three things differ. All nodes are configured at
+once, as each compiles and loads for itself. Who is lost is given `bond_respawn_max_duration` to
 come back while the others fly on: an aircraft in the air is not helped by taking its control away.
+And in lockstep, where the plant makes time, it is paused until then, so that nothing is flown
+without the one that is lost.
 
 No executor here: `advance` is called when something has come, and now and then.
 """
 
+import contextlib
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
@@ -214,12 +217,18 @@ class Manager:
         self._respawn_s = values["bond_respawn_max_duration"]
         self._reconnects = values["attempt_respawn_reconnection"]
         self._limit_s = values["service_timeout"]
+        self._lockstep = values["lockstep"]
         if len(set(self._names)) < len(self._names) or not all(self._names):
             raise ValueError(f"node_names: {self._names}: name each node once")
         if 0.0 < self._timeout_s <= REPEAT_S:
             raise ValueError(
                 f"bond_timeout: {self._timeout_s:g} s: nodes are heard once in {REPEAT_S:g} s; "
                 "allowed are 0 (no bond) and more than that"
+            )
+        if self._lockstep and self._timeout_s >= values["peer_timeout_s"]:
+            raise ValueError(
+                f"bond_timeout: {self._timeout_s:g} s: in lockstep the flight goes on without a "
+                f"silent node after peer_timeout_s, {values['peer_timeout_s']:g} s; allowed is less"
             )
         self._nodes, self._tell, self._reason, self._now_s = nodes, tell, reason, now_s
         self._bonds: dict[str, Bond] = {}
@@ -395,10 +404,20 @@ class Manager:
                 self._begin(self._recover(name, bond.why_broken))
                 return
 
+    def _who_makes_time(self, lost: str) -> list[str]:
+        """In lockstep the last of the nodes, if it is there: it can be paused."""
+        leader = self._names[-1]
+        return [leader] if self._lockstep and leader != lost and leader in self._bonds else []
+
     def _recover(self, name: str, why: str) -> _Work:
         """Bring a node up again that is lost; reset the others if it does not come back."""
         lost_s = self._now_s()
-        self._set(SystemState.RECONNECTING, Level.ERROR, f"{name} is lost: {why}")
+        paused = self._who_makes_time(name)
+        still = "; time stands still until it is back" if paused else ""
+        self._set(SystemState.RECONNECTING, Level.ERROR, f"{name} is lost: {why}{still}")
+        with contextlib.suppress(BringUpError):
+            # If it does not pause either, its return fails below.
+            yield from self._all(DEACTIVATE, paused)
 
         def is_back() -> bool:
             bond = self._bonds[name]
@@ -409,6 +428,7 @@ class Manager:
             try:
                 yield from self._all(CONFIGURE, [name])
                 yield from self._all(ACTIVATE, [name])
+                yield from self._all(ACTIVATE, paused)
             except BringUpError as error:
                 why = f"{why}; {error}"
             else:
