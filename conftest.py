@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 import time
 import zlib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import hypothesis
@@ -68,17 +68,26 @@ def small_disk(tmp_path):
 _LONG = ("tests/commands/test_readme_commands.py",)
 
 
+def tenths(slow):
+    """Which tenth of the slow tests each belongs to: those of a file, which cost alike, in turn.
+
+    A file begins with a tenth of its own, so that files of a few slow tests do not meet in one.
+    """
+    dealt = Counter()
+    for item in slow:
+        file = item.nodeid.partition("::")[0]
+        yield (zlib.crc32(file.encode()) + dealt[file]) % 10
+        dealt[file] += 1
+
+
 def pytest_collection_modifyitems(config, items):
     """Long files first; of the slow tests the tenth that run_tests.sh names, where it names one."""
     items.sort(key=lambda item: not item.nodeid.startswith(_LONG))
     tenth = os.environ.get("HELI_SLOW_TENTH")
     if tenth is None:
         return
-    left = [
-        item
-        for item in items
-        if item.get_closest_marker("slow") and zlib.crc32(item.nodeid.encode()) % 10 != int(tenth)
-    ]
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    left = [item for item, at in zip(slow, tenths(slow), strict=True) if at != int(tenth)]
     config.hook.pytest_deselected(items=left)
     gone = set(left)
     items[:] = [item for item in items if item not in gone]

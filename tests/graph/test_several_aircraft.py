@@ -74,7 +74,7 @@ def test_what_goes_wrong_names_its_aircraft(ros_env, tmp_path, holder_of, living
     out = tmp_path / "flight"
     command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--realtime"]
     flying = subprocess.Popen(
-        [*command, "--vehicles", "2", "--out", str(out)],
+        [*command, "--vehicles", "2", "--duration", "30", "--out", str(out)],
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert "flown" in flying.stdout.readline()

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """.ci/run: keeps the tests' exit code, and is not silent about tests that it could not run."""
 
+import importlib.util
 import os
 import re
 import shutil
 import subprocess
+from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -150,3 +153,16 @@ def test_a_workflow_runs_what_there_is(name):
         lists = {f"requirements/hashes/{kind}.txt" for kind in kinds}
         (audit,) = [command for command in commands if command.startswith("pip-audit")]
         assert lists <= set(audit.split()) and "--require-hashes" in audit
+
+
+def test_the_slow_tests_of_a_file_are_dealt_to_the_tenths_in_turn():
+    """So a tenth costs what another does, as far as a file's tests cost alike."""
+    spec = importlib.util.spec_from_file_location("of_all_tests", ROOT / "conftest.py")
+    conftest = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(conftest)
+    names = [f"tests/{file}::{i}" for file in ("a.py", "b.py", "c.py") for i in range(20)]
+    dealt = list(conftest.tenths([SimpleNamespace(nodeid=name) for name in names]))
+    for first in range(0, len(names), 20):
+        assert Counter(dealt[first : first + 20]) == dict.fromkeys(range(10), 2)
+    alone = list(conftest.tenths([SimpleNamespace(nodeid=f"tests/{i}.py::a") for i in range(50)]))
+    assert len(set(alone)) == 10

@@ -27,6 +27,18 @@ TABLES = {
     "world_clock": ("heli_flight.graph.world_clock_node", "heli_flight"),
     "lifecycle_manager": ("heli_flight.graph.manager", "heli_flight"),
 }
+FEW_LINES = 80
+BEGINS_A_PROCESS = ("cli.hover_test", "start", "graph.bound", "graph.composed", "graph.hog",
+                    "graph.preload", "graph.scenario_node", "graph.standby")  # fmt: skip
+SHORT = {
+    **{f"heli_flight.{name}": "begins a process" for name in BEGINS_A_PROCESS},
+    "heli_actions.parameters": "a node's table, which its node and a pilot read",
+    "heli_core.atmosphere": "of the plant and of the observer, which do not know each other",
+    "heli_core.faces": "of each package's face",
+    "heli_core.inbox": "of each loop",
+    "heli_inner_hinf.controller_template": "is copied",
+}
+"""Modules of less than that, and why each is one of its own."""
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}
 
 
@@ -87,6 +99,17 @@ def test_no_two_classes_of_the_product_have_one_name():
         if isinstance(node, ast.ClassDef)
     )
     assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_a_short_module_has_a_reason():
+    """A face (`__init__`) is short; any other module of few lines belongs to who imports it."""
+    short = set()
+    for package in (path.parent for path in (ROOT / "src").glob("*/setup.py")):
+        for file in (package / package.name).rglob("*.py"):
+            lines = len(file.read_text(encoding="utf-8").splitlines())
+            if lines < FEW_LINES and file.name != "__init__.py":
+                short.add(".".join(file.relative_to(package).with_suffix("").parts))
+    assert short == set(SHORT)
 
 
 @pytest.mark.parametrize("node", TABLES)

@@ -172,6 +172,17 @@ def test_the_search_finds(tmp_path, text, name):
     assert line.endswith(f" {name}")
 
 
+def test_who_starts_a_graph_waits_for_no_loop_no_report_and_no_scipy():
+    """A flight of the graph begins when its command has imported what it needs."""
+    code = (
+        "import sys, heli_flight.fly, heli_flight.graph.flight\n"
+        "print({'scipy.linalg', 'scipy.optimize', 'jinja2', 'heli_flight.loop',\n"
+        "       'heli_flight.report.write'} & set(sys.modules))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
 def test_start_does_not_wait_for_python_control():
     """Nodes, `heli` and flights come without it and without matplotlib: seconds to import."""
     started = [f"{p}.node" for p in PACKAGES if f"{p}.node" in modules()]

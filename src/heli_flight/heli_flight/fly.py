@@ -33,7 +33,6 @@ from heli_flight.graph.processes import (
 )
 from heli_flight.parts import Parts
 from heli_flight.record import FlightRecord, write_record
-from heli_flight.replay import serve_after
 from heli_flight.result import Result, print_table, sentence, write_result
 from heli_flight.scoring import score
 from heli_flight.settings import (
@@ -367,6 +366,8 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> FinishedFli
             new.stays = True
     outcome = _shown(order, flight, FinishedFlight(settings, flight.result, folder), out)
     if order.report and flight.live is not None:
+        from heli_flight.replay import serve_after
+
         serve_after(folder, flight.live, _say(out))
     return outcome
 

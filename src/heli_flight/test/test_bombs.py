@@ -67,3 +67,5 @@ def test_the_library_s_readers_ask_the_budget():
         assert expand.__module__ == storage.__name__
     for module in (reader, storage_mcap, storage_sqlite3):
         assert module.parse_qos is storage.bounded_qos
+    text = reader.YAML(typ="safe").load("{version: 9, files: []}")
+    assert text == {"version": 9, "files": []} and reader.YAML.__module__ == storage.__name__

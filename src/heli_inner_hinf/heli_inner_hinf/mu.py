@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigvals
-from scipy.optimize import minimize_scalar
 
 from heli_core.errors import RobustCause, RobustError
 
@@ -168,6 +167,8 @@ def peak_gain(system: control.StateSpace, points: int = 300) -> tuple[float, flo
     By a grid that is denser at the system's modes, then a bounded search about the best point;
     relative accuracy 1e-6 or better for modes with a damping above 1e-3.
     """
+    from scipy.optimize import minimize_scalar
+
     end = top(system, 1e4)
     omega = np.concatenate([[1e-6], grid(modes(system), 1e-3, end, points)])
 

@@ -2,10 +2,12 @@
 """What every node of a flight needs, loaded once in the process that they are forked from.
 
 Imports only, and compiled kernels: no ROS context exists here, and no thread stays. What is
-loaded here a node need not load that is started again in flight.
+loaded here a node need not load that is started again in flight. The search for cyclic garbage
+leaves it alone from here on: each node would look through it all, and have a copy of its pages.
 """
 
 import contextlib
+import gc
 import inspect
 import sys
 
@@ -44,3 +46,5 @@ with contextlib.suppress(Exception):
     load_kernels()
 # The first line of a log has all modules looked at for who said it, and this remembered.
 inspect.getmodule(sys._getframe())
+gc.collect()
+gc.freeze()
