@@ -73,10 +73,11 @@ class PositionAxes:
         blocks.append(_lifted(actuation, E[2, 2]))
         heave = modelled_heave_damping_per_s(self.params)
         modelled = [(self.lags_s[0], 0.0), (self.lags_s[1], 0.0), (0.0, heave)]
+        standing_s = self.params.tilt_standing_s
         errors = _POSITION_ERROR, _SPEED_ERROR
         return tuple(
-            Axis(blocks[i], *modelled[i], gusts[i], *errors, self.period_ticks)
-            for i in range(len(NAMES))
+            Axis(blocks[i], *modelled[i], gusts[i], *errors, self.period_ticks, stands_s)
+            for i, stands_s in enumerate((standing_s, standing_s, 0.0))
         )
 
 
@@ -89,7 +90,7 @@ def position_axes(
     ----------
     plant, outer : mapping
         Parameters of the plant (aircraft, wind, start) and of the outer loop; of the latter's gains
-        nothing is used.
+        nothing is used but what it makes of the tilt.
     attitude : Loop
         As flown.
     model : Model
@@ -133,15 +134,20 @@ def attitude_lags_s(attitude: Loop) -> np.ndarray:
 def _tilted(
     flown: Loop, A: np.ndarray, B: np.ndarray, E: np.ndarray, axis: int, g: float
 ) -> Sampled:
-    """Commanded acceleration and air -> acceleration, of pitch (0) or roll (1)."""
+    """Commanded acceleration and air -> acceleration, and what the tilt explains of it.
+
+    Of pitch (0) or roll (1).
+    """
     closed = flown.closed
     labels, inputs = closed.state_labels, closed.input_labels
     command, sign = _COMMANDS[axis]
-    C = np.zeros((1, closed.nstates))
+    C = np.zeros((2, closed.nstates))
     C[0, [labels.index(name) for name in STATE_NAMES]] = A[axis]
     C[0, [labels.index(name) for name in POSITIONS]] = B[axis]
+    C[1, labels.index(command.removesuffix("_ref"))] = sign * g
     columns = closed.B[:, [inputs.index(command), inputs.index(WIND[axis])]]
-    return Sampled(closed.A, columns * [sign / g, 1.0], C, np.array([[0.0, E[axis, axis]]]))
+    D = np.array([[0.0, E[axis, axis]], [0.0, 0.0]])
+    return Sampled(closed.A, columns * [sign / g, 1.0], C, D)
 
 
 def _lifted(actuation: Actuation, damping_per_s: float) -> Sampled:

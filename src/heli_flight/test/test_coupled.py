@@ -62,7 +62,7 @@ def test_along_its_own_axis_the_coupled_aircraft_is_the_axis(loop):
             k = int(np.argmin(np.abs(omega - at)))
             z = np.exp(1j * omega[k] * p.dt_s)
             moved = p.M @ np.linalg.solve(z * np.eye(len(p.A)) - p.A, p.B[:, i])
-            assert abs(moved[2 * i + 1] / alone[k, 1] - 1.0) < 0.15, (i, at)
+            assert abs(moved[3 * i + 1] / alone[k, 1] - 1.0) < 0.15, (i, at)
 
 
 def test_the_margin_holds_for_gains_and_less_than_the_axes_alone(loop, gains):

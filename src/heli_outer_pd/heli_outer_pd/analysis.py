@@ -2,8 +2,9 @@
 """One axis of the position loop as it flies, linear and sampled: margins, and rms in its wind.
 
 The attitude loop (or the collective's servo) and the body move in ticks of 10 ms; law (21) with its
-lead and its disturbance observer makes a step every `period_ticks`. Lifted to the law's period both
-are one linear system, exact between the law's steps. Driven by the Dryden spectrum and the
+lead and its disturbance observer, which reads the tilt beside position and speed, makes a step
+every `period_ticks`. Lifted to the law's period both are one linear system, exact between the law's
+steps. Driven by the Dryden spectrum and the
 navigation's errors, the stationary covariance follows from one Lyapunov equation, so the rms of a
 flight is predicted without flying. Plain matrices: the search for gains asks thousands of times.
 """
@@ -20,6 +21,7 @@ from heli_core.linear import stationary
 from heli_core.rows import SETPOINT
 from heli_core.search import search
 from heli_core.ticks import TICK_S
+from heli_outer_pd.disturbance import kept
 from heli_outer_pd.state import OuterParams, thrust_for_collective
 
 # -------------------------------------------------------------------------------------------------
@@ -38,8 +40,8 @@ class Sampled(NamedTuple):
     """x(n+1) = A x + B u, y = C x + D u, a step per tick.
 
     Of what actuates an axis the inputs are the commanded acceleration (m/s2) and the speed of the
-    air past the aircraft (m/s), the output is the acceleration (m/s2). Of a noise the input is
-    white with unit variance.
+    air past the aircraft (m/s), the outputs are the acceleration (m/s2) and, where there is a tilt
+    to be measured, what that explains of it. Of a noise the input is white with unit variance.
     """
 
     A: Matrix
@@ -58,6 +60,8 @@ class Axis:
         The attitude loop as flown, or the collective's delay and servo, with the drag.
     modelled_lag_s, modelled_damping_per_s : float
         What the law's own model knows of actuation and damping; lag 0: none.
+    tilt_standing_s : float
+        `disturbance.tilt_standing_s` where the tilt is measured; 0: it is not used.
     gusts : sequence of Sampled
         Speeds of the air along the axis, m/s; independent.
     position_error, speed_error : Sampled
@@ -73,6 +77,7 @@ class Axis:
     position_error: Sampled
     speed_error: Sampled
     period_ticks: int
+    tilt_standing_s: float = 0.0
 
     @property
     def dt_s(self) -> float:
@@ -83,13 +88,14 @@ class Axis:
     def lifted(self) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
         """A, B, Q, M, Z over the law's period: x+ = A x + B u + noise of covariance Q.
 
-        M x is what the law reads, position and speed with the navigation's errors; Z x is true.
+        M x is what the law reads, position and speed with the navigation's errors, and what the
+        tilt explains; Z x is true.
         """
         return _lifted(self)
 
     @cached_property
     def response(self) -> tuple[Matrix, NDArray[np.complex128]]:
-        """Frequencies (m,), rad/s, and the response (m, 2) of command -> position, speed."""
+        """Frequencies (m,), rad/s, and the response (m, 3) of command -> what the law reads."""
         A, B, _, M, _ = self.lifted
         omega = np.geomspace(_LOWEST_RADPS, 0.999 * np.pi / self.dt_s, _FREQUENCIES)
         z = np.exp(1j * omega * self.dt_s)
@@ -188,18 +194,20 @@ def dryden_across(sigma_mps: float, time_s: float) -> Sampled:
 
 
 def law(gains: Gains, axis: Axis) -> Sampled:
-    """Law (21) with lead and observer: position, speed -> commanded acceleration.
+    """Law (21) with lead and observer: what is read -> commanded acceleration.
 
-    A step per period of the law. States: estimated speed and disturbance, the last command, the
-    same behind the modelled lag, and the wanted acceleration behind the lead's filter.
+    A step per period of the law. Read are position, speed and the acceleration that the tilt
+    explains. States: estimated speed and disturbance, the last command, the same behind the
+    modelled lag, the wanted acceleration behind the lead's filter, and what tilt leaves standing.
     """
-    n = 5
-    v_hat, d_hat, last, lagged, led, position, speed = np.eye(n + 2)
+    n = 6
+    v_hat, d_hat, last, lagged, led, stands, position, speed, tilt = np.eye(n + 3)
     dt, g = axis.dt_s, gains
-    keep = np.exp(-dt / axis.modelled_lag_s) if axis.modelled_lag_s > 0.0 else 0.0
+    keep, stay = kept(dt, axis.modelled_lag_s), kept(dt, axis.tilt_standing_s)
     lagged = keep * lagged + (1.0 - keep) * last
+    stands = stay * stands + (1.0 - stay) * (lagged - tilt)
     innovation = speed - v_hat
-    modelled = lagged - axis.modelled_damping_per_s * speed
+    modelled = tilt + stands - axis.modelled_damping_per_s * speed
     if g.l2 > 0.0:
         v_hat = v_hat + dt * (modelled + d_hat + g.l1 * innovation)
         d_hat = d_hat + dt * g.l2 * innovation
@@ -208,12 +216,13 @@ def law(gains: Gains, axis: Axis) -> Sampled:
     wanted = -g.K_P * position - g.K_D * speed - d_hat
     command = wanted + g.lead_s / g.lead_filter_s * (wanted - led)
     held = np.exp(-dt / g.lead_filter_s)
-    rows = np.array([v_hat, d_hat, command, lagged, held * led + (1.0 - held) * wanted, command])
+    led = held * led + (1.0 - held) * wanted
+    rows = np.array([v_hat, d_hat, command, lagged, led, stands, command])
     return Sampled(rows[:n, :n], rows[:n, n:], rows[n:, :n], rows[n:, n:])
 
 
 def plant(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
-    """One tick: x+ = A x + B u + W n; M x is measured, Z x are position and speed.
+    """One tick: x+ = A x + B u + W n; M x is read (3), Z x are position and speed.
 
     States: position, speed, then those of actuation, gusts and the navigation's errors.
     """
@@ -238,7 +247,9 @@ def plant(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
     acceleration[block] += act.C[0]
     A[:2] = Z + np.outer([TICK_S, 0.0], Z[1]) + np.outer(position_speed, acceleration)
     B[:2, 0] = position_speed * act.D[0, 0]
-    return A, B, W, Z + output[-2:], Z
+    tilt = np.zeros((1, n))
+    tilt[:, block] = act.C[1:].sum(axis=0)  # without a tilt nothing is explained
+    return A, B, W, np.vstack([Z + output[-2:], tilt]), Z
 
 
 def analyse(axis: Axis, gains: Gains) -> AxisReport:
@@ -364,7 +375,7 @@ def _lifted(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
 # -------------------------------------------------------------------------------------------------
 
 # K_P, K_D, bandwidth of the observer, lead: what parameters allow, and where the search begins.
-_BOUNDS = (20.0, 20.0, 7.5, 1.0)
+_BOUNDS = (20.0, 20.0, 15.0, 1.0)
 _STARTS_LED = ((0.43, 1.1, 0.3, 0.3), (1.0, 2.2, 1.0, 0.3))
 _STARTS = ((3.0, 4.7, 1.6, 0.0), (6.2, 6.2, 3.0, 0.0))
 

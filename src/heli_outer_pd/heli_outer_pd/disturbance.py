@@ -222,19 +222,32 @@ def flown_acceleration(phi, theta, k, out):
 
 
 @njit
-def modelled_acceleration(phi, theta, v_down, k, state, out):
-    """Acceleration (3,) m/s2, heading frame, that the law's model expects of its last command.
+def kept(dt_s, lag_s):
+    """Share of its state that a first-order lag keeps over a step; 0 without a lag."""
+    return math.exp(-dt_s / lag_s) if lag_s > 0.0 else 0.0
 
-    Horizontally the commanded one behind the attitude loop's lag: what the attitude loop leaves
-    standing counts as disturbance and is trimmed out with it. Vertically the thrust of the last
-    collective at the present speed, so that the rotor's own damping is no disturbance.
+
+@njit
+def modelled_acceleration(phi, theta, v_down, k, state, out):
+    """Acceleration (3,) m/s2, heading frame, that the law's model expects.
+
+    Horizontally that of the measured tilt, so that the law's command is an increment to what is
+    flown: incremental nonlinear dynamic inversion (Smeur, de Croon, Chu, Control Engineering
+    Practice 73, 2018, sec. 3). What the attitude loop leaves standing of its command for longer
+    than `tilt_standing_s` counts as disturbance and is trimmed out with it; 0 s: all that it is off
+    by, and the model is the commanded tilt behind the attitude loop's lag. Vertically the thrust of
+    the last collective at the present speed, so that the rotor's own damping is no disturbance.
     """
     commanded, lagged, last = scratch(2), state.x[MEMORY.lagged], state.x[MEMORY.command]
+    stands = state.x[MEMORY.stands]
     flown_acceleration(last[SETPOINT.phi], last[SETPOINT.theta], k, commanded)
+    flown_acceleration(phi, theta, k, out)
+    stay = kept(k.dt_s, k.tilt_standing_s)
     for i in range(2):
-        keep = math.exp(-k.dt_s / k.attitude_lag[i])
+        keep = kept(k.dt_s, k.attitude_lag[i])
         lagged[i] = keep * lagged[i] + (1.0 - keep) * commanded[i]
-        out[i] = lagged[i]
+        stands[i] = stay * stands[i] + (1.0 - stay) * (lagged[i] - out[i])
+        out[i] = lagged[i] if stay == 0.0 else out[i] + stands[i]
     d_col, d_col_trim = last[SETPOINT.col], k.trim[SETPOINT.col]
     thrust = thrust_for_collective(d_col, v_down, trim_thrust(k), d_col_trim, k.rotor)
     out[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
@@ -284,6 +297,7 @@ def engage(nav, phi, theta, k, state, c, s, d_h):
     for i in range(3):
         estimate[i] = vel[i]
     flown_acceleration(phi, theta, k, lagged)
+    fill(state.x[MEMORY.stands], 0.0)
     d_h[0] = clip(-lagged[0], k.disturbance_limit[0])
     d_h[1] = clip(-lagged[1], k.disturbance_limit[1])
     d_h[2] = 0.0  # what collective is flown is not known here: trim is assumed
@@ -294,7 +308,9 @@ def engage(nav, phi, theta, k, state, c, s, d_h):
 def leave(vel, v_down, phi, theta, k, state):
     """Lift-off: the ground may still carry a part, so what it does is not taken for wind."""
     unused, estimate, d = scratch(3), state.x[MEMORY.vel], state.x[MEMORY.disturbance]
-    if state.x[MEMORY.engaged] > 0.5:
+    if state.x[MEMORY.engaged] < 0.5:
+        fill(state.x[MEMORY.stands], 0.0)
+    else:
         modelled_acceleration(phi, theta, v_down, k, state, unused)
     for i in range(3):
         estimate[i], d[i] = vel[i], 0.0

@@ -231,9 +231,12 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.02, upper=1.0),
     _row("wind_compensation", "bool", "Subtract the estimated disturbance (false: pure PD)"),
     _row("disturbance.bandwidth_radps", "double[]", "Bandwidth of the disturbance observer",
-         "rad/s", shape=(3,), lower=0.0, upper=7.5),
+         "rad/s", shape=(3,), lower=0.0, upper=15.0),
     _row("disturbance.attitude_lag_s", "double[]", "Lag of the attitude loop, pitch and roll", "s",
          shape=(2,), lower=0.02, upper=5.0),
+    _row("disturbance.tilt_standing_s", "double", "What tilt stands off its command for longer "
+         "counts as disturbance, beside what the measured tilt does not explain; 0: all that the "
+         "commanded tilt behind that lag does not explain", "s", lower=0.0, upper=60.0),
     _row("disturbance.limit_mps2", "double[]", "Largest disturbance that is compensated", "m/s2",
          shape=(3,), lower=0.0, upper=9.0),
     _row("horizontal", "string", "Hold position, or command a level attitude (attitude test)",
@@ -318,6 +321,7 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         shaping_ns=round(p["reference_shaping_s"] * NS_PER_S),
         heading_lead_s=p["heading_lead_s"],
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
+        tilt_standing_s=p["disturbance.tilt_standing_s"],
         attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
         lead_filter_s=p["attitude_lead.filter_s"],
         blind_sigma=p["land.blind_sigma_mps"],

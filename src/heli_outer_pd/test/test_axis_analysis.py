@@ -46,7 +46,9 @@ def lagging(lag_s, damping=DAMPING, late_ticks=1):
         line[1, 0] = 0.0
     enters = np.zeros((n + 1, 2))
     enters[min(n, 1), 0] = 1.0 if n else B[0, 0]
-    return Sampled(line, enters, np.eye(1, n + 1), np.array([[0.0, damping]]))
+    # What the tilt explains is what there is without the drag.
+    C, D = np.repeat(np.eye(1, n + 1), 2, axis=0), np.array([[0.0, damping], [0.0, 0.0]])
+    return Sampled(line, enters, C, D)
 
 
 AXIS = Axis(
@@ -58,6 +60,8 @@ AXIS = Axis(
     speed_error=drifting(*NAVIGATION[1]),
     period_ticks=4,
 )
+MEASURED = replace(AXIS, tilt_standing_s=3.0)
+AT_100_HZ = replace(MEASURED, period_ticks=1)
 
 
 def gains(K_P, K_D, bandwidth_radps, lead_s=0.0):
@@ -76,13 +80,16 @@ def spectral_densities(axis, g, omega):
 
     Nothing of the code under test: the law's steps are taken for a hold of one period (half of it
     as a delay), the observer in its textbook form, u = -(K_P p + (K_D + (s + d_m) F) v) W /
-    (1 - F G_m W), with F its low pass, G_m the modelled lag, W the lead.
+    (1 - F G_m W), with F its low pass, G_m what it takes for the tilt, W the lead: the modelled lag
+    below the standing error's frequency, the tilt as it is above.
     """
     s = 1j * omega
     actuation = np.exp(-(TICK_S + 0.5 * axis.dt_s) * s) / (1.0 + LAG_S * s)
     low_pass = g.l2 / (s**2 + g.l1 * s + g.l2) if g.l2 else 0.0 * s
     lead = 1.0 + g.lead_s * s / (1.0 + g.lead_filter_s * s)
-    gain = actuation * lead / (1.0 - low_pass * lead / (1.0 + axis.modelled_lag_s * s))
+    modelled, stands = 1.0 / (1.0 + axis.modelled_lag_s * s), 1.0 / (1.0 + axis.tilt_standing_s * s)
+    explained = stands * modelled + (1.0 - stands) * actuation
+    gain = actuation * lead / (1.0 - low_pass * lead * explained)
     on_speed = gain * (g.K_D + (s + axis.modelled_damping_per_s) * low_pass)
     on_position = gain * g.K_P
     difference = s + DAMPING + on_speed + on_position / s
@@ -101,9 +108,10 @@ def spectral_densities(axis, g, omega):
     "g", [gains(0.9, 1.3, 0.4), gains(1.2, 2.4, 0.8, 0.2), Gains(1.0, 1.6, 0, 0)]
 )
 @pytest.mark.parametrize("damping", [0.0, 0.2])
-def test_predicted_rms_agrees_with_the_integral_over_the_spectrum(g, damping):
+@pytest.mark.parametrize("axis", [AXIS, MEASURED, AT_100_HZ], ids=["commanded", "measured", "fast"])
+def test_predicted_rms_agrees_with_the_integral_over_the_spectrum(g, damping, axis):
     """Second method: Parseval's integral of the continuous loop; 25 Hz is not continuous: 4 %."""
-    axis = replace(AXIS, modelled_damping_per_s=damping)
+    axis = replace(axis, modelled_damping_per_s=damping)
     omega = np.geomspace(1e-6, 1e4, 40_001)
     sigma = [
         np.sqrt(integrate.simpson(density * omega, x=np.log(omega)) / np.pi)
@@ -112,43 +120,50 @@ def test_predicted_rms_agrees_with_the_integral_over_the_spectrum(g, damping):
     np.testing.assert_allclose(deviations(axis, g), sigma, rtol=0.04)
 
 
-def test_predicted_rms_is_that_of_the_loop_stepped_in_time():
+@pytest.mark.parametrize("axis", [AXIS, MEASURED], ids=["commanded", "measured"])
+def test_predicted_rms_is_that_of_the_loop_stepped_in_time(axis):
     """Second method: the impulse response of every noise, tick by tick, summed in squares."""
     g = gains(1.2, 2.4, 0.8, 0.2)
-    A, B, W, M, Z = plant(AXIS)
-    k = law(g, AXIS)
+    A, B, W, M, Z = plant(axis)
+    k = law(g, axis)
     total = np.zeros(2)
     for column in range(W.shape[1]):
-        for phase in range(AXIS.period_ticks):
-            x, memory, command = W[:, column].copy(), np.zeros(5), np.zeros(1)
+        for phase in range(axis.period_ticks):
+            x, memory, command = W[:, column].copy(), np.zeros(len(k.A)), np.zeros(1)
             for tick in range(phase + 1, 20_000):
-                if tick % AXIS.period_ticks == 0:
+                if tick % axis.period_ticks == 0:
                     total += (Z @ x) ** 2
                     y = M @ x
                     command = k.C @ memory + k.D @ y
                     memory = k.A @ memory + k.B @ y
                 x = A @ x + B @ command
-    np.testing.assert_allclose(deviations(AXIS, g), np.sqrt(total), rtol=1e-3)
+    np.testing.assert_allclose(deviations(axis, g), np.sqrt(total), rtol=1e-3)
 
 
-def test_the_law_is_the_one_that_flies(kernel):
+@pytest.mark.parametrize("standing_s", [0.0, 3.0, 60.0])
+def test_the_law_is_the_one_that_flies(kernel, standing_s):
     """Small signals through `position_law`: the same commands, axis by axis, from its matrices."""
     rng = np.random.default_rng(3)
+    kernel = kernel._replace(tilt_standing_s=standing_s)
     path = np.cumsum(rng.normal(0.0, 1e-5, (60, 2, 3)), axis=0)
-    path[0] = 0.0
+    tilts = np.cumsum(rng.normal(0.0, 1e-6, (60, 2)), axis=0)  # pitch, roll
+    path[0] = tilts[0] = 0.0
     state, out = position_law.initial_state(kernel), np.empty(SETPOINT.size)
     flown = []
-    for pos, vel in path:
-        nav = np.r_[pos, vel, quat_from_euler(*kernel.trim[:2], 0.0)]
+    for (pos, vel), (pitch, roll) in zip(path, tilts, strict=True):
+        phi, theta = kernel.trim[:2] + [roll, pitch]
+        nav = np.r_[pos, vel, quat_from_euler(phi, theta, 0.0)]
         position_law.position_law(nav, np.zeros(10), kernel, state, out)
         flown.append(out[[SETPOINT.theta, SETPOINT.phi]] - kernel.trim[[1, 0]])
     heave = modelled_heave_damping_per_s(kernel)
     for i, sign in enumerate((-1.0, 1.0)):
         lag_s = kernel.attitude_lag[i]
-        axis = replace(AXIS, modelled_lag_s=lag_s, modelled_damping_per_s=0.0)
-        k, x, modelled = law(Gains.of(kernel, i), axis), np.zeros(5), []
-        for pos, vel in path:
-            y = np.array([pos[i], vel[i]])
+        model = {"modelled_lag_s": lag_s, "tilt_standing_s": standing_s}
+        axis = replace(AXIS, **model, period_ticks=round(kernel.dt_s / TICK_S))
+        k, modelled = law(Gains.of(kernel, i), axis), []
+        x = np.zeros(len(k.A))
+        for (pos, vel), tilt in zip(path, tilts, strict=True):
+            y = np.array([pos[i], vel[i], sign * kernel.g * tilt[i]])
             modelled.append(sign * (k.C @ x + k.D @ y)[0] / kernel.g)
             x = k.A @ x + k.B @ y
         np.testing.assert_allclose(modelled, np.array(flown)[:, i], atol=2e-9)
@@ -190,6 +205,25 @@ def test_the_loop_goes_unstable_at_its_gain_margin_and_not_within_its_disk():
     assert not (stable(1.02 * edges) and stable(0.98 / edges))
 
 
+@pytest.mark.parametrize("axis", [AXIS, MEASURED, AT_100_HZ], ids=["commanded", "measured", "fast"])
+def test_the_disk_margin_is_where_complex_factors_reach_the_unit_circle(axis):
+    """Second method: poles of the closed loop with a complex factor (1 + a) / (1 - a) on the
+    command. All with |a| below half of the margin are inside; one on the circle is on it."""
+    g = gains(1.2, 2.4, 1.5, 0.2)
+    (A, B, _, M, _), k = axis.lifted, law(g, axis)
+    alpha = analyse(axis, g).disk_margin
+
+    def radius(half, angle):
+        a = half * np.exp(1j * angle)
+        enters = B * (1.0 + a) / (1.0 - a)
+        closed = np.block([[A + enters @ k.D @ M, enters @ k.C], [k.B @ M, k.A]])
+        return np.max(np.abs(np.linalg.eigvals(closed)))
+
+    angles = np.linspace(0.0, np.pi, 181)
+    assert max(radius(0.49 * alpha, angle) for angle in angles) < 1.0
+    assert max(radius(0.51 * alpha, angle) for angle in angles) > 1.0
+
+
 def test_no_linear_law_is_below_the_limit():
     """LQG with perfect actuators is below every PD with them, and above nothing at all."""
     at_once = replace(AXIS, actuation=Sampled(*_at_once()[:3], np.array([[1.0, DAMPING]])))
@@ -214,7 +248,8 @@ def test_steady_wind_is_trimmed_out_with_the_observer_only():
     """Final value of the position in a step of the wind: d / K_P for the plain law, else zero."""
     A, B, _, M, Z = plant(replace(AXIS, gusts=(Sampled(*_steady()),)))
     for g, expected in ((gains(0.5, 1.0, 0.4), 0.0), (Gains(0.5, 1.0, 0, 0), DAMPING / 0.5)):
-        k, x, memory, command = law(g, AXIS), np.zeros(len(A)), np.zeros(5), np.zeros(1)
+        k, x, command = law(g, AXIS), np.zeros(len(A)), np.zeros(1)
+        memory = np.zeros(len(k.A))
         x[2 + len(AXIS.actuation.A)] = 1.0
         for tick in range(20_000):
             if tick % AXIS.period_ticks == 0:

@@ -183,7 +183,26 @@ def test_pure_pd_drifts_off_in_steady_wind_and_the_estimate_trims_it_out():
     c, s = math.cos(0.6), math.sin(0.6)
     total = d[:2] + standing * np.array([-c - s, -s + c])
     np.testing.assert_allclose(pd[:2], total / 0.8, rtol=0.01)
-    assert np.abs(simulate(kernel(), d)).max() < 1e-3
+    for standing_s in (0.0, 5.0):
+        estimated = kernel(**{"disturbance.tilt_standing_s": standing_s})
+        assert np.abs(simulate(estimated, d)).max() < 1e-3
+
+
+def test_what_the_measured_tilt_explains_is_no_disturbance():
+    """A tilt that nobody commanded, and the speed that it gives: the estimate stays at nothing.
+
+    By the commanded tilt alone it is taken for wind."""
+    for standing_s, taken_for_wind in ((0.0, 1.0), (60.0, 0.02)):
+        k = kernel(**{"disturbance.tilt_standing_s": standing_s})
+        tilt, vel, state = math.radians(3.0), 0.0, None
+        _, _, state = step(k, navigation(k), REF)
+        for _ in range(round(2.0 / k.dt_s)):
+            vel += k.dt_s * k.g * math.tan(tilt)
+            nav = navigation(k, vel=(0, vel, 0), phi=k.trim[0] + tilt)
+            state.x[position_law.MEMORY.command] = k.trim
+            _, _, state = step(k, nav, (*REF[:4], vel, 0, 0), state)
+        share = state.x[position_law.MEMORY.disturbance][1] / (k.g * math.tan(tilt))
+        assert share == pytest.approx(taken_for_wind, abs=0.15), standing_s
 
 
 def test_engagement_is_bumpless_in_flown_wind_trim():

@@ -261,9 +261,10 @@ _LOWEST_RADPS, _FREQUENCIES = 1e-2, 400
 
 @dataclass(frozen=True)
 class CoupledPlant:
-    """x+ = A x + B a over the position law's period, M x = position and speed of each axis in turn.
+    """x+ = A x + B a over the position law's period; M x: of each axis in turn what the law reads.
 
-    a (3,) are the commanded accelerations forward, right, down, m/s2; positions m, speeds m/s.
+    a (3,) are the commanded accelerations forward, right, down, m/s2; read are position, m, speed,
+    m/s, and the acceleration that the tilt explains, m/s2.
     """
 
     A: Matrix
@@ -273,7 +274,7 @@ class CoupledPlant:
 
     @cached_property
     def response(self) -> tuple[Matrix, NDArray[np.complex128]]:
-        """Frequencies (m,), rad/s, and the response (m, 6, 3) of a -> what is held."""
+        """Frequencies (m,), rad/s, and the response (m, 9, 3) of a -> what is read."""
         omega = np.geomspace(_LOWEST_RADPS, 0.999 * np.pi / self.dt_s, _FREQUENCIES)
         z = np.exp(1j * omega * self.dt_s)
         return omega, np.stack([self.M @ _resolved(self.A, self.B, at) for at in z])
@@ -336,7 +337,12 @@ def coupled_plant(
     eye = np.eye(len(one))
     compensated = per_weight / lift * (np.tan(tilt) @ eye[[NINE.phi, NINE.theta]])
     power += np.outer(held_collective, compensated)
-    M = np.concatenate([eye[[_POSITION.start + i, _SPEED.start + i]] for i in range(_AXES)])
+    explained = np.zeros((_AXES, len(one)))
+    explained[:2, [NINE.theta, NINE.phi]] = np.diag([-1.0, 1.0]) / per_mps2
+    # The observer is kept in NED, which turns against the nose.
+    explained[:2, NINE.psi] = -against[1], against[0]
+    read = [(eye[_POSITION.start + i], eye[_SPEED.start + i], explained[i]) for i in range(_AXES)]
+    M = np.concatenate(read)
     # What is held against the wind turns as the nose does.
     power += held @ np.outer([against[1], -against[0], 0.0], eye[NINE.psi])
     return CoupledPlant(power, held, M, period_ticks * attitude.dt)
