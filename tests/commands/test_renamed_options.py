@@ -124,6 +124,7 @@ def test_several_old_names_are_one_line(capsys):
 
 def test_every_command_with_a_new_name_takes_the_old_one():
     having = {path: command for path, command in ALL if options(command) & NEW}
+    del having["heli", "ardupilot"]  # which never had another
     assert len(having) == 13
     classes = (CommandWithRenamed, CommandWithWords)
     assert [path for path, command in having.items() if not isinstance(command, classes)] == []
@@ -140,4 +141,4 @@ def test_help_shows_the_new_names_alone(capsys):
 def test_aircraft_means_an_aircraft():
     """By name or file, wherever a command has the option."""
     having = {" ".join(path) for path, command in ALL if "--aircraft" in options(command)}
-    assert having == {"heli design", "heli identify"}
+    assert having == {"heli ardupilot", "heli design", "heli identify"}

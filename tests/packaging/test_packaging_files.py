@@ -36,7 +36,9 @@ SHORT = {
     "heli_core.atmosphere": "of the plant and of the observer, which do not know each other",
     "heli_core.faces": "of each package's face",
     "heli_core.inbox": "of each loop",
+    "heli_core.version": "of the command, of Python and of what is recorded",
     "heli_inner_hinf.controller_template": "is copied",
+    "heli_msgs_bridge.message_size": "of nodes, and of bags where no ROS is",
 }
 """Modules of less than that, and why each is one of its own."""
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}

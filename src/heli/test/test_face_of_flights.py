@@ -128,7 +128,7 @@ def test_parameters_may_be_nested_dotted_and_of_integers():
         ({"params": 3}, "params: int is not allowed"),
         ({"params": {"plant": 3}}, "allowed: {parameter: value}"),
         ({"gps": "x"}, "known: standalone, rtk"),
-        ({"seed": -1}, "seed: -1 is not allowed"),
+        ({"seed": -1}, "seed -1: not allowed"),
         ({"duration_s": -4}, "duration_s: -4.0 is not allowed"),
         ({"faults": [{"what": "gpx", "kind": "loss", "start_s": 1.0}]}, "did you mean gps"),
         ({"faults": 3}, "allowed: a file, or a list"),

@@ -14,7 +14,7 @@ from heli_flight.graph.lifecycle import BringUpError, NodeStatus
 from heli_flight.graph.supervisor import Supervisor
 from heli_flight.loop import simulate
 from heli_flight.replay import ended
-from heli_flight.report import page
+from heli_flight.report.first_screen import verdict_of
 from heli_flight.result import print_table, write_result
 from heli_flight.settings import resolve
 from heli_msgs_bridge.diagnostics import FACT_STATE, NodeState
@@ -72,5 +72,5 @@ def test_of_one_that_does_not_the_flight_is_partial(flown, monkeypatch, tmp_path
     assert (result_json["partial"], result_json["exit_code"]) == (SENTENCE, 1)
     assert ended(result_json, "") == f"Partial: {SENTENCE}"
     # Of what is in the bag no stretch decides anything, so none is judged.
-    verdicts = page._verdicts(SimpleNamespace(result=result, settings=settings))
-    assert verdicts == [("✗", "bad", f"Partial: {SENTENCE}")]
+    mark, tone, said = verdict_of(SimpleNamespace(result=result, settings=settings))
+    assert (mark, tone) == ("✗", "bad") and SENTENCE in said

@@ -51,7 +51,7 @@ _MOST_TERMS, _MOST_CHARACTERS = 100, 100
 
 
 @dataclass(frozen=True)
-class Difference:
+class Disagreement:
     """A term that a peer has otherwise.
 
     Attributes
@@ -98,12 +98,12 @@ def _turned(pair: tuple[str, str, str, str]) -> tuple[str, str, str, str]:
 
 def differences(
     name: str, own: Mapping[str, str], peer: str, told: Mapping[str, str]
-) -> Iterator[Difference]:
+) -> Iterator[Disagreement]:
     """What a peer of a kind has otherwise than a node of another kind, each with its terms."""
     for first, key, second, other in ((peer, VERSION_TERM, name, VERSION_TERM), *_both_ways()):
         if (first, second) == (peer, name) and key in told and other in own:
             if told[key] != own[other]:
-                yield Difference(peer, key, told[key], other, own[other])
+                yield Disagreement(peer, key, told[key], other, own[other])
 
 
 def _both_ways() -> Iterable[tuple[str, str, str, str]]:

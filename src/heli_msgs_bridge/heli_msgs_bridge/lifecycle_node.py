@@ -225,7 +225,7 @@ class TableNode(LifecycleNode):
         ]
         self.declare_parameters("", rows, ignore_override=True)
         self.add_on_set_parameters_callback(self._validate_set)
-        self.add_post_set_parameters_callback(self._apply_set)
+        self.add_post_set_parameters_callback(self.apply_set)
         self._reporter = Reporter(
             signing(
                 self.create_publisher(
@@ -353,7 +353,7 @@ class TableNode(LifecycleNode):
         return name not in self._table or bool(why_refused(self._table.values(), name, value))
 
     def _validate_set(self, parameters: list[Any]) -> SetParametersResult:
-        """Answer of the node to a change that is asked for; the change itself is `_apply_set`."""
+        """Answer of the node to a change that is asked for; the change itself is `apply_set`."""
         for parameter in parameters:
             reason = why_refused(self._table.values(), parameter.name, parameter.value)
             if reason:
@@ -362,7 +362,7 @@ class TableNode(LifecycleNode):
         if not changes:
             return SetParametersResult(successful=True)
         try:
-            # Kept for `_apply_set`, which rclpy calls next, if at all: the node is as it was.
+            # Kept for `apply_set`, which rclpy calls next, if at all: the node is as it was.
             if self.decision is None:
                 self._judged = self.validate({**self.values, **changes}, changes.keys())
             elif self.decision.refusal is not None:
@@ -373,7 +373,7 @@ class TableNode(LifecycleNode):
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
 
-    def _apply_set(self, parameters: list[Any]) -> None:
+    def apply_set(self, parameters: list[Any]) -> None:
         """Take over a change that was judged."""
         changes = self.changes(parameters)
         if changes:
@@ -572,9 +572,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def judge_peers(self) -> None:
         """Look whose messages are used: peers have told what must be agreed on, or have left."""
 
-    def _apply_set(self, parameters: list[Any]) -> None:
+    def apply_set(self, parameters: list[Any]) -> None:
         """Take over a change that was judged, and tell it to those who must agree on it."""
-        super()._apply_set(parameters)
+        super().apply_set(parameters)
         self._tell_terms()
         self.agreement.judge()
         self.judge_peers()
