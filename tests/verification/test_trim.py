@@ -9,7 +9,8 @@ import pytest
 from scipy.optimize import root
 
 from heli_core.rotations import euler_from_quat
-from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import HelicopterParameters, ModelOptions
 from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.main_rotor import rotor_flow
 from heli_dynamics_sim.trim import _RESIDUAL_LIMIT, TrimError, trim
@@ -44,6 +45,18 @@ def test_trim_turns_with_wind_and_heading(params):
     assert euler_from_quat(second.x[6:10])[:2] == pytest.approx(
         euler_from_quat(first.x[6:10])[:2], abs=1e-10
     )
+
+
+def test_beyond_the_fold_of_the_tails_vortex_ring_there_is_a_trim(params):
+    """Wind against the tail's wash, 0 to 12 m/s: it meets its ring, where one thrust has three settings."""
+    ring = replace(params, terms=ModelOptions(vortex_ring=True, tail_authority=True))
+    points = [trim(ring, [0.0, -0.5 * n, 0.0]) for n in range(25)]
+    assert max(point.residual for point in points) <= 1e-9
+    settings = np.array([point.x[PLANT.d_int] for point in points])
+    steps = -np.diff(settings)
+    # one leap over the fold, and the same way along the curve before and after
+    assert steps.max() > 5.0 * np.median(steps)
+    assert settings.argmin() == 24
 
 
 def test_it_leans_into_the_wind(params):

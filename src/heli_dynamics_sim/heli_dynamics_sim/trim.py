@@ -35,6 +35,8 @@ ALTITUDE_M = 1000.0
 """A height at which the ground is out of reach, of the skids and of the wake."""
 _RESIDUAL_LIMIT = 1e-9
 _MAX_NEWTON = 40
+_TAIL_OFFSETS = tuple(sign * 0.01 * n for n in range(1, 21) for sign in (-1.0, 1.0))
+"""How far from a start that fails the tail's setting (d_int) is tried, the nearest first."""
 
 # Rows of the state derivative that must vanish (the others vanish by construction).
 _ROWS = {
@@ -158,6 +160,23 @@ class _Problem:
             z, f = trial, f_trial
         return z, f
 
+    def solve(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Newton from z; where it stalls, from other tail settings, the nearest first.
+
+        In its vortex ring state the tail has up to three settings of the same thrust: followed in
+        the wind, the equilibrium ends at a fold, and the next one stands at another setting.
+        """
+        z, f = self.newton(z)
+        for offset in _TAIL_OFFSETS:
+            if np.abs(f).max() <= _RESIDUAL_LIMIT:
+                break
+            start = z.copy()
+            start[_Z.d_int] += offset
+            beyond, f_beyond = self.newton(start)
+            if np.abs(f_beyond).max() <= _RESIDUAL_LIMIT:
+                z, f = beyond, f_beyond
+        return z, f
+
     def refusal(self, f: NDArray[np.float64]) -> TrimError:
         worst = int(np.abs(f).argmax())
         return TrimError(
@@ -210,7 +229,7 @@ def trim(
     steps = 1 + int(np.linalg.norm(wind) / 1.5)
     for i in range(steps + 1):
         problem = _Problem(k, wind * (i / steps), psi, altitude_m)
-        z, f = problem.newton(z)
+        z, f = problem.solve(z)
     if not np.abs(f).max() <= _RESIDUAL_LIMIT:
         raise problem.refusal(f)
     for i in (_Z.d_lat, _Z.d_lon, _Z.d_col):
