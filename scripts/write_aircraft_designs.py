@@ -8,9 +8,11 @@ one by `./hover_test.sh --params src/heli_flight/config/designs/xcell60.yaml`.
 """
 
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from heli_core.rcl_yaml import dump_all
 from heli_studies.design.make import FinishedDesign, make_design, write_yaml
 
 FOLDER = Path(__file__).resolve().parent.parent / "src/heli_flight/config/designs"
@@ -23,7 +25,7 @@ class Choice:
     Attributes
     ----------
     gamma : float or None
-        Bound on the norm; None: the paper's.
+        Bound of eq. (17), the controller `hinf`; None: the paper's.
     why : tuple of str
         Reasons, for the head of the file.
     """
@@ -49,8 +51,13 @@ CHOICES = {
 
 def design_of(name: str) -> FinishedDesign:
     """Design of a packaged aircraft by CHOICES."""
-    choice = CHOICES[name]
-    return make_design(aircraft=f"{name}.yaml", gamma=choice.gamma, search=True)
+    gamma = CHOICES[name].gamma
+    if gamma is None:
+        return make_design(aircraft=f"{name}.yaml", search=True)
+    with tempfile.TemporaryDirectory() as folder:
+        params = Path(folder) / "gamma.yaml"
+        dump_all({"inner_loop": {"gamma": gamma}}, params)
+        return make_design((params,), aircraft=f"{name}.yaml", search=True)
 
 
 def main() -> int:

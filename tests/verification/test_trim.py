@@ -48,7 +48,7 @@ def test_trim_turns_with_wind_and_heading(params):
 
 
 def test_beyond_the_fold_of_the_tails_vortex_ring_there_is_a_trim(params):
-    """Wind against the tail's wash, 0 to 12 m/s: it meets its ring, where one thrust has three settings."""
+    """Wind against the tail's wash, 0 to 12 m/s: in its ring one thrust has three settings."""
     ring = replace(params, terms=ModelOptions(vortex_ring=True, tail_authority=True))
     points = [trim(ring, [0.0, -0.5 * n, 0.0]) for n in range(25)]
     assert max(point.residual for point in points) <= 1e-9

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 import subprocess
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -52,7 +51,7 @@ from heli_core.rcl_yaml import (
     matches,
     opened,
 )
-from heli_core.rows import ACTUATOR, SETPOINT
+from heli_core.rows import ACTUATOR
 from heli_core.signals import NOTHING
 from heli_core.ticks import TICKS_PER_S, Rate
 from heli_dynamics_sim.aircraft import AircraftError, find_aircraft
@@ -65,7 +64,6 @@ from heli_msgs_bridge.agreement import PAIRS
 from heli_msgs_bridge.links import link_faults_of
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.script import script_of
-from heli_outer_pd.state import collective_for_thrust
 
 # -------------------------------------------------------------------------------------------------
 # Parameter files that an option names: packaged ones by their name, the user's own by path.
@@ -705,16 +703,13 @@ def check_agreement(nodes: Mapping[str, Mapping[str, Any]]) -> None:
 def check_ground(nodes: Mapping[str, Mapping[str, Any]]) -> None:
     """Raise ParameterError where the outer loop may command what is standing to the inner one."""
     outer, law = outer_params(nodes["outer_loop"]), nodes["inner_loop"]
-    least, sinking = float(outer.thrust_limits[0]), nodes["outer_loop"]["goto.climb_mps"]
-    level = math.cos(outer.trim[SETPOINT.phi]) * math.cos(outer.trim[SETPOINT.theta])
-    hover, col = outer.mass * outer.g / level, outer.trim[SETPOINT.col]
-    lowest = collective_for_thrust(least * outer.mass * outer.g, sinking, hover, col, outer.rotor)
+    share, lowest = nodes["outer_loop"]["blade_pitch_floor"], outer.collective_floor
     stands, side = law["ground_collective"], law["ground_collective"] - law["trim.u"][ACTUATOR.col]
     if (lowest - stands) * side >= 0.0:
         raise ParameterError(
             f"inner_loop: ground_collective: {stands:g} is one that is flown: outer_loop: "
-            f"thrust_limits: {least:g} of the weight is collective {lowest:.3g} in descent at "
-            f"{sinking:g} m/s; raise thrust_limits or move ground_collective away from hover"
+            f"blade_pitch_floor: {share:g} of hover's pitch is collective {lowest:.3g}; raise "
+            f"blade_pitch_floor or move ground_collective away from hover"
         )
 
 

@@ -82,10 +82,30 @@ def collective_limits(k):
 
 
 @njit
+def least_thrust(lift_mps2, k):
+    """Least thrust (N) that the still-air map may be asked for.
+
+    What the air lifts besides, as edgewise flow and an upward gust do (m/s2, >= 0), is thrust of
+    the rotor, too: both together stay above the limit.
+    """
+    return k.mass * max(k.thrust_limits[0] * k.g - lift_mps2, 0.0)
+
+
+@njit
+def above_floor(d_col, k):
+    """The collective, but with no less blade pitch than the floor's."""
+    if k.rotor.K_col < 0.0:
+        return min(d_col, k.collective_floor)
+    return max(d_col, k.collective_floor)
+
+
+@njit
 def count_at_limit(col, k, state):
     """How long a collective has stood at the limits of the thrust, into the state."""
-    low, high = k.thrust_limits
-    share = hover_share(col, k) * trim_thrust(k) / (k.mass * k.g)
+    weight, high = k.mass * k.g, k.thrust_limits[1]
+    low = least_thrust(max(-state.x[MEMORY.disturbance][2], 0.0), k) / weight
+    low = max(low, hover_share(k.collective_floor, k) * trim_thrust(k) / weight)
+    share = hover_share(col, k) * trim_thrust(k) / weight
     free = low + _AT_LIMIT < share < high - _AT_LIMIT
     state.x[MEMORY.at_limit_s] = 0.0 if free else state.x[MEMORY.at_limit_s] + k.dt_s
 

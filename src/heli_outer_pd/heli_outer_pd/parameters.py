@@ -17,7 +17,7 @@ from heli_outer_pd.manual import STICK_ROWS
 from heli_outer_pd.modes import SERVED
 from heli_outer_pd.reference import shaping_window_ns
 from heli_outer_pd.script import SCRIPT_ROWS
-from heli_outer_pd.state import OuterParams, RotorMap
+from heli_outer_pd.state import OuterParams, RotorMap, blade_pitch
 
 # -------------------------------------------------------------------------------------------------
 # Sweeps and steps of the commanded attitude: what `heli score --response` is read from.
@@ -253,6 +253,10 @@ TABLE: tuple[Parameter, ...] = (
          "Tilt whose thrust gives the wanted acceleration (false: asin as printed in (21))"),
     _row("thrust_limits", "double[]", "Smallest and largest thrust, fractions of the weight", "",
          shape=(2,), lower=0.1, upper=2.0),
+    _row("collective_lag_s", "double", "Lag of thrust behind its command", "s",
+         lower=0.0, upper=0.5),
+    _row("blade_pitch_floor", "double", "Smallest blade pitch, fraction of hover's", "",
+         lower=0.0, upper=0.9),
     _row("mass", "double", "Mass of the aircraft", "kg", lower=0.1, upper=200.0),
     _row("gravity", "double", "Local gravity", "m/s2", lower=9.7, upper=9.9),
     _row("trim.phi", "double", "Roll angle in still-air hover", "rad", lower=-0.5, upper=0.5),
@@ -304,6 +308,10 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         chord=p["rotor.chord"],
         K_col=p["rotor.K_col"],
     )
+    level = math.cos(p["trim.phi"]) * math.cos(p["trim.theta"])
+    hover_pitch = blade_pitch(p["mass"] * p["gravity"] / level, 0.0, rotor)
+    less_pitch = (p["blade_pitch_floor"] - 1.0) * hover_pitch
+    collective_floor = p["trim.d_col"] + less_pitch / rotor.K_col
     return OuterParams(
         K_P=np.asarray(p["K_P"], float),
         K_D=np.asarray(p["K_D"], float),
@@ -319,12 +327,14 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         mass=p["mass"],
         g=p["gravity"],
         thrust_limits=np.asarray(p["thrust_limits"], float),
+        collective_floor=collective_floor,
         trim=trim,
         rotor=rotor,
         shaping_ns=shaping_window_ns(p),
         heading_lead_s=p["heading_lead_s"],
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
         tilt_standing_s=p["disturbance.tilt_standing_s"],
+        reference_lead=np.array([*p["disturbance.attitude_lag_s"], p["collective_lag_s"]]),
         attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
         lead_filter_s=p["attitude_lead.filter_s"],
         blind_sigma=p["land.blind_sigma_mps"],

@@ -42,7 +42,13 @@ from heli_outer_pd.disturbance import (
     watch_attitude,
     watch_rotor,
 )
-from heli_outer_pd.manual_controller import count_at_limit, manual_law, take_over
+from heli_outer_pd.manual_controller import (
+    above_floor,
+    count_at_limit,
+    least_thrust,
+    manual_law,
+    take_over,
+)
 from heli_outer_pd.position_health import (
     begin_at_height,
     hold_lean,
@@ -224,26 +230,27 @@ def _stand(nav, ref, k, state, out):
 
 
 @njit
-def _with_lead(a, c, s, k, state):
-    """Lead the wanted acceleration (3,), in place, forward and right: (1 + (T + L) s)/(1 + T s).
+def _with_lead(a, lead, led, c, s, k, state):
+    """Lead a wanted acceleration (3,), in place: (1 + (T + L) s)/(1 + T s).
 
-    L is `attitude_lead`, T `lead_filter_s`. What is wanted is filtered in NED, where it stands
-    still while the nose turns: else the lead would make much of the nose's least motion when bank
-    holds against a side wind. The first one goes through as it is.
+    L (n,) is `lead`, forward, right and, if n is 3, down; T `lead_filter_s`, `led` (n,) the
+    filter's state. What is wanted is filtered in NED, where it stands still while the nose turns:
+    else the lead would make much of the nose's least motion when bank holds against a side wind.
+    The first one goes through as it is.
     """
-    wanted, beyond, led = scratch(3), scratch(3), state.x[MEMORY.led]
+    wanted, beyond = scratch(3), scratch(3)
     to_ned(a, c, s, wanted)
     if state.x[MEMORY.engaged] < 0.5 or state.x[MEMORY.takes_over] > 0.5:
         copy(led, wanted)
     keep = math.exp(-k.dt_s / k.lead_filter_s)
-    for i in range(2):
+    for i in range(led.size):
         wanted[i] -= led[i]
         led[i] += (1.0 - keep) * wanted[i]
     to_heading(wanted, c, s, beyond)
     if state.machine[MACHINE.servo] == SERVO_DEGRADED:
         return
-    for i in range(2):
-        a[i] += k.attitude_lead[i] / k.lead_filter_s * beyond[i]
+    for i in range(led.size):
+        a[i] += lead[i] / k.lead_filter_s * beyond[i]
 
 
 @njit
@@ -254,14 +261,19 @@ def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     to_heading(error, c, s, pos_error_h)
     difference(ref[SHAPED.vel], nav[NAV.vel], error)
     to_heading(error, c, s, vel_error_h)
-    to_heading(ref[SHAPED.acc], c, s, a)
+    follows = scratch(3)
+    to_heading(ref[SHAPED.acc], c, s, follows)
     for i in range(3):
         K_P, K_D = k.K_P[i], k.K_D[i]
         if i < 2:
             K_P, K_D = gain_share(state) * K_P, damping_share(state) * K_D
         back = clip(K_P * pos_error_h[i], K_D * k.approach_speed_mps)
-        a[i] += back + K_D * vel_error_h[i] - d_h[i]
-    _with_lead(a, c, s, k, state)
+        a[i] = back + K_D * vel_error_h[i] - d_h[i]
+    _with_lead(a, k.attitude_lead, state.x[MEMORY.led], c, s, k, state)
+    # What the reference wants is known, and led by what attitude loop and collective lag behind.
+    _with_lead(follows, k.reference_lead, state.x[MEMORY.led_reference], c, s, k, state)
+    for i in range(3):
+        a[i] += follows[i]
     limit_acceleration(a, k, state)
     if k.hold_horizontal > 0.5:
         out[SETPOINT.phi] = k.trim[SETPOINT.phi] + tilt_for(a[1], k)
@@ -273,11 +285,12 @@ def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     out[SETPOINT.psi] = ref[SHAPED.psi]
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
-    thrust = min(max(thrust, k.thrust_limits[0] * weight), k.thrust_limits[1] * weight)
+    thrust = min(max(thrust, least_thrust(max(-d_h[2], 0.0), k)), k.thrust_limits[1] * weight)
     # The inflow of the climb that the reference asks for is fed forward.
     d_col = collective_for_thrust(
         thrust, ref[SHAPED.down_vel], trim_thrust(k), k.trim[SETPOINT.col], k.rotor
     )
+    d_col = above_floor(d_col, k)
     out[SETPOINT.col] = min(max(d_col, -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
 
 

@@ -92,7 +92,7 @@ def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
 
 
 class OuterStateRow(NamedTuple):
-    """Numbers of the law's state (89,)."""
+    """Numbers of the law's state (92,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -159,7 +159,8 @@ class OuterStateRow(NamedTuple):
     ground_off_m: int = 85  # the reference was moved by so much to where it began, and the ground
     at_limit_s: int = 86  # the collective has commanded the least or most thrust for so long
     stands: slice = slice(87, 89)  # what the attitude loop leaves standing, forward, right, m/s2
-    size: int = 89
+    led_reference: slice = slice(89, 92)  # acceleration of the reference behind the same filter
+    size: int = 92
 
 
 MEMORY = OuterStateRow()
@@ -199,7 +200,7 @@ ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 class OuterState(NamedTuple):
     """State of the law, changed in place."""
 
-    x: np.ndarray  # (89,) places of `MEMORY`
+    x: np.ndarray  # (92,) places of `MEMORY`
     machine: np.ndarray  # (5,) int64, places of `MACHINE`
 
     def copy(self) -> "OuterState":
@@ -245,12 +246,14 @@ class OuterParams(NamedTuple):
     mass: float  # kg
     g: float  # m/s2
     thrust_limits: np.ndarray  # (2,) fractions of m g
+    collective_floor: float  # at which the blades have their least pitch
     trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
     rotor: RotorMap
     shaping_ns: int  # window of the reference shaping
     heading_lead_s: float  # lead of the commanded heading on the reference's
     attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
     tilt_standing_s: float  # what tilt is off by for longer is disturbance; 0: all of it
+    reference_lead: np.ndarray  # (3,) s, forward, right, down: lead of the reference's acceleration
     attitude_lead: np.ndarray  # (2,) s, forward and right: lead of the commanded acceleration
     lead_filter_s: float
     blind_sigma: float  # m/s, of the horizontal velocity: with more its position is not known

@@ -134,6 +134,52 @@ def test_no_thrust_downwards():
         assert thrust_map.thrust_of(pitch, 0.0, kernel().rotor) == 0.0
 
 
+def thrust_of(k, d_col, w_r=0.0):
+    """Of the map, N."""
+    hover = k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+    return thrust_map.thrust_for_collective(d_col, w_r, hover, k.trim[SETPOINT.col], k.rotor)
+
+
+def lifted(k, lift_mps2, pos_down_m=-60.0):
+    """Collective far above its reference while the air lifts so much (m/s2)."""
+    state = position_law.initial_state(k)
+    step(k, navigation(k), REF, state)
+    state.x[position_law.MEMORY.disturbance] = 0.0, 0.0, -lift_mps2
+    return step(k, navigation(k, pos=(0, 0, pos_down_m)), REF, state)[1][SETPOINT.col]
+
+
+def test_what_the_air_lifts_counts_towards_the_least_thrust():
+    """In still air 0.4 of the weight; lifted by 0.2 of it the map's own is 0.2."""
+    k = kernel(blade_pitch_floor=0.0)
+    weight = k.mass * k.g
+    assert thrust_of(k, lifted(k, 0.0)) == pytest.approx(0.4 * weight)
+    # the estimate is a step older than the one that is set
+    assert thrust_of(k, lifted(k, 0.2 * k.g)) == pytest.approx(0.2 * weight, rel=0.05)
+
+
+@pytest.mark.parametrize("K_col", [-0.165, 0.165])
+def test_blades_have_no_less_pitch_than_their_floor(K_col):
+    """By hand: pitch of the map at the collective, a quarter of hover's, however much is lifted."""
+    k = kernel(**{"rotor.K_col": K_col})
+    hover = k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+    hover_pitch = thrust_map.blade_pitch(hover, 0.0, k.rotor)
+    for lift in (0.5 * k.g, 0.9 * k.g):
+        pitch = hover_pitch + K_col * (lifted(k, lift) - k.trim[SETPOINT.col])
+        assert pitch == pytest.approx(0.25 * hover_pitch)
+
+
+def test_at_a_limit_is_whoever_stands_at_the_one_in_force():
+    """In lifting air the least thrust of still air is no limit."""
+    k = kernel()
+    still, floor = lifted(k, 0.0), lifted(k, 0.9 * k.g)
+    for collective, lift, held in ((still, 0.0, True), (still, 0.3 * k.g, False),
+                                   (floor, 0.9 * k.g, True)):  # fmt: skip
+        state = position_law.initial_state(k)
+        state.x[position_law.MEMORY.disturbance] = 0.0, 0.0, -lift
+        position_law.count_at_limit(collective, k, state)
+        assert (state.x[position_law.MEMORY.at_limit_s] > 0.0) == held, (collective, lift)
+
+
 def test_climb_feedforward_asks_for_more_pitch():
     k = kernel()
     climb = (0, 0, -10, 0, 0, -2.5, 0)
@@ -315,6 +361,21 @@ def test_lead_answers_a_step_of_the_error_ahead_and_settles_on_it():
         without_lead * (1.0 + lead / filter_s * math.exp(-k.dt_s / filter_s)), rel=1e-9
     )
     assert commanded[-1] == pytest.approx(without_lead, rel=1e-6)
+
+
+def test_what_the_reference_wants_is_led_by_the_lag_and_not_by_the_lead():
+    """A step of its acceleration, all axes: by (T + L) / T at first, L the lag, T the filter."""
+    k = kernel(wind_compensation=False, **{"attitude_lead.lead_s": [0.9, 0.7]})
+    nav, out = navigation(k), np.empty(4)
+    state = position_law.initial_state(k)
+    for acceleration in (np.zeros(3), np.array([0.1, 0.2, -0.3])):
+        ref = np.r_[nav[:6], acceleration, 0.0]
+        position_law.position_law(nav, ref, k, state, out)
+    led = acceleration * (1.0 + k.reference_lead / k.lead_filter_s)
+    assert k.reference_lead == pytest.approx([*k.attitude_lag, 0.05])
+    assert k.trim[1] - out[1] == pytest.approx(math.atan(led[0] / k.g))
+    assert out[0] - k.trim[0] == pytest.approx(math.atan(led[1] / k.g))
+    assert thrust_of(k, out[3]) == pytest.approx(thrust_of(k, k.trim[3]) * (1 - led[2] / k.g))
 
 
 def test_a_nose_that_turns_is_not_led():
