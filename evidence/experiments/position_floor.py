@@ -60,7 +60,7 @@ def floors(axis: Axis, gains: Gains) -> dict[str, list[float]]:
         "perfect_actuators": list(limits_of_performance(axis)),
         "as_flown": list(limits_of_performance(axis, at_once=False)),
         "as_flown_gust_known": list(limits_of_performance(axis, at_once=False, gusts_known=True)),
-        "predicted": predicted.tolist(),
+        "predicted": list(predicted[:2]),
     }
 
 

@@ -40,7 +40,7 @@ def test_predicted_rms_is_that_of_flights():
     ).axes
     kernel, exact = outer_params(nodes["outer_loop"]), drifting(1e-9, 1.0)
     predicted = [
-        deviations(replace(axis, position_error=exact, speed_error=exact), Gains.of(kernel, i))
+        deviations(replace(axis, position_error=exact, speed_error=exact), Gains.of(kernel, i))[:2]
         for i, axis in enumerate(axes)
     ]
     np.testing.assert_allclose(predicted, flown, rtol=0.3)

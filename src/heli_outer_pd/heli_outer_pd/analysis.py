@@ -260,7 +260,7 @@ def analyse(axis: Axis, gains: Gains) -> AxisReport:
         return AxisReport(False, np.nan, np.nan, np.nan, 0.0, np.inf, np.inf, *limit)
     omega, loop = open_loop(axis, gains)
     margins = _stability_margins(omega, loop)
-    return AxisReport(True, *margins, disk_margin(loop), float(rms[0]), float(rms[1]), *limit)
+    return AxisReport(True, *margins, disk_margin(loop), rms.position_m, rms.speed_mps, *limit)
 
 
 def limits_of_performance(
@@ -313,8 +313,17 @@ def limits_of_performance(
     return deviations_m[0], deviations_m[1]
 
 
-def deviations(axis: Axis, gains: Gains) -> Matrix | None:
-    """Standard deviation of position (m) and speed (m/s), None if the loop is unstable."""
+class Deviations(NamedTuple):
+    """Standard deviations of a closed axis."""
+
+    position_m: float
+    speed_mps: float
+    step_mps2: float
+    """Of the commanded acceleration, from one step of the law to the next."""
+
+
+def deviations(axis: Axis, gains: Gains) -> Deviations | None:
+    """Standard deviations in wind and with the navigation's errors, None if it is unstable."""
     A, B, Q, M, Z = axis.lifted
     k = law(gains, axis)
     closed = np.block([[A + B @ k.D @ M, B @ k.C], [k.B @ M, k.A]])
@@ -322,8 +331,12 @@ def deviations(axis: Axis, gains: Gains) -> Matrix | None:
     noise[: len(A), : len(A)] = Q
     if np.max(np.abs(np.linalg.eigvals(closed))) >= 1.0:
         return None
-    covariance = stationary(closed, noise)[: len(A), : len(A)]
-    return np.sqrt(np.diag(Z @ covariance @ Z.T))
+    covariance = stationary(closed, noise)
+    position_m, speed_mps = np.sqrt(np.diag(Z @ covariance[: len(A), : len(A)] @ Z.T))
+    command = np.hstack([k.D @ M, k.C])
+    change = command @ closed - command
+    step = change @ covariance @ change.T + command @ noise @ command.T
+    return Deviations(float(position_m), float(speed_mps), float(np.sqrt(step[0, 0])))
 
 
 def open_loop(axis: Axis, gains: Gains) -> tuple[Matrix, NDArray[np.complex128]]:
@@ -370,8 +383,9 @@ def _lifted(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
 # is
 # wanted of each, over the axis as modelled and its `others` (later, lighter, less damped). Every
 # one
-# of them must keep its margin's floor. The search is that of `heli_core.search`, which ends at
-# the same gains on every machine.
+# of them must keep its margin's floor, and the command must not shake: the valley of the cost is
+# flat, and gains that pass the navigation's noise on cost hardly less. The search is that of
+# `heli_core.search`, which ends at the same gains on every machine.
 # -------------------------------------------------------------------------------------------------
 
 # K_P, K_D, bandwidth of the observer, lead: what parameters allow, and where the search begins.
@@ -396,10 +410,13 @@ class AxisRequirements:
         Floor of the axis as modelled.
     disk_margin_of_others : float
         Floor of each of the others.
+    step_mps2 : float
+        Most that the command may change by from step to step, as a standard deviation.
     """
 
     position_m: float
     speed_mps: float
+    step_mps2: float
     disk_margin: float
     disk_margin_of_others: float
 
@@ -418,9 +435,9 @@ def cost(gains: Gains, axis: Axis, others: Sequence[Axis], wanted: AxisRequireme
         if not disk_margin(open_loop(one, gains)[1]) >= floor:
             return np.inf
         rms = deviations(one, gains)
-        if rms is None:
+        if rms is None or (one is axis and rms.step_mps2 > wanted.step_mps2):
             return np.inf
-        total += (rms[0] / wanted.position_m) ** 2 + (rms[1] / wanted.speed_mps) ** 2
+        total += (rms.position_m / wanted.position_m) ** 2 + (rms.speed_mps / wanted.speed_mps) ** 2
     return float(total / len(floors))
 
 

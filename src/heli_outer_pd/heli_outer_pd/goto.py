@@ -33,7 +33,6 @@ from heli_outer_pd.reference import (
     ReferenceLimits,
     ReferenceRefused,
     foreseen_ns,
-    shaping_window_ns,
 )
 from heli_outer_pd.state import OuterParams
 
@@ -71,7 +70,7 @@ class Goto:
     def from_parameters(cls, values: Mapping[str, Any]) -> "Goto":
         """From the parameters of the outer loop."""
         limits = MotionLimits.from_parameters(values, "goto")
-        return cls(limits, values["goto.heading"], shaping_window_ns(values))
+        return cls(limits, values["goto.heading"], round(values["reference_shaping_s"] * NS_PER_S))
 
     def plan(
         self, before: Trajectory, now_ns: int, pos_ned_m: NDArray[np.float64], psi_rad: float

@@ -32,6 +32,7 @@ from heli_outer_pd.reference import (
     flown_now,
     preview,
     reference_state,
+    window_of,
 )
 from heli_outer_pd.state import (
     BY_HAND,
@@ -573,8 +574,11 @@ class StickFlight:
             if self.steering.is_silent(now.ns, n):
                 self.steering.lead_by_messages()
             by_hand = before == Phase.MANUAL
+            window_ns = window_of(now.k, self._state)
             moves = (
-                self.flown(before, now) if by_hand else reference_state(trajectory, now.ns, now.k)
+                self.flown(before, now)
+                if by_hand
+                else reference_state(trajectory, now.ns, window_ns)
             )
             self.steering.start(moves.ned[:, 2], moves.psi)
         else:

@@ -10,12 +10,12 @@ import numpy as np
 from heli_core.parameters import Parameter
 from heli_core.rows import SETPOINT
 from heli_core.signals import SweepParams
-from heli_core.ticks import TICK_S
+from heli_core.ticks import NS_PER_S, TICK_S
 from heli_outer_pd.goto import FIXED, HEADINGS, HEIGHT_M, WIND
 from heli_outer_pd.joystick import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
 from heli_outer_pd.manual import STICK_ROWS
 from heli_outer_pd.modes import SERVED
-from heli_outer_pd.reference import shaping_window_ns
+from heli_outer_pd.reference import unforeseen_window_ns
 from heli_outer_pd.script import SCRIPT_ROWS
 from heli_outer_pd.state import OuterParams, RotorMap, blade_pitch
 
@@ -132,8 +132,9 @@ TABLE: tuple[Parameter, ...] = (
          choices=("given", "engagement"), read_only=True),
     _row("reference_shaping_s", "double", "Window over which the reference is averaged", "s",
          lower=0.0, upper=10.0),
-    _row("reference_preview", "bool", "Whether the reference is known ahead, so that half of that "
-         "window lies ahead of now; else the window is one step of the law", read_only=True),
+    _row("reference_preview", "bool", "Whether a reference that comes by message or from the "
+         "scenario is known ahead, so that half of that window lies ahead of now; else the window "
+         "is one step of the law", read_only=True),
     _row("heading_lead_s", "double", "Lead of the commanded heading where the reference turns", "s",
          lower=0.0, upper=3.0),
     _row("reference_limits.altitude_min_m", "double", "Lowest reference that is followed", "m",
@@ -330,7 +331,8 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         collective_floor=collective_floor,
         trim=trim,
         rotor=rotor,
-        shaping_ns=shaping_window_ns(p),
+        shaping_ns=round(p["reference_shaping_s"] * NS_PER_S),
+        unforeseen_ns=unforeseen_window_ns(p),
         heading_lead_s=p["heading_lead_s"],
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
         tilt_standing_s=p["disturbance.tilt_standing_s"],

@@ -248,6 +248,7 @@ class Phases:
     ) -> None:
         self.numbers, self.goto, self.params, self.fence = numbers, goto, kernel, fence
         self.trajectory: Trajectory | None = None
+        self._others: Trajectory | None = None  # a reference that is not the loop's own
         self.home_ned_m, self.ground_down_m, self.fence_distance_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
         self.event: Command | Fact | None = None
@@ -299,7 +300,8 @@ class Phases:
 
     def follow(self, planned: Trajectory, now_ns: int) -> None:
         """A reference is followed from now on, where the table has let it."""
-        self.trajectory = planned
+        self.trajectory = self._others = planned
+        self._state.x[MEMORY.unforeseen] = 1.0
         if self.phase in BY_STICKS:
             self.sticks.hand_over(FLIES)
         self._now(Phase.TRAJECTORY, Command.FOLLOW, now_ns)
@@ -413,6 +415,7 @@ class Phases:
             if flyable(nav) and self.sticks.tells(now_ns):
                 self.trajectory = self.sticks.preview(self.phase, self._at(now_ns, nav))
         self.trajectory = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
+        self._state.x[MEMORY.unforeseen] = float(self.trajectory is self._others)
         return self.trajectory is not before
 
     def fails(self, now_ns: int, nav: Array) -> set[Guard]:

@@ -59,7 +59,7 @@ from heli_outer_pd.position_health import (
     remember_thrust,
     sink,
 )
-from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.reference import shaped_reference_at, window_of
 from heli_outer_pd.state import (
     ALTITUDE_LOST,
     ALTITUDE_REACQUIRED,
@@ -394,7 +394,7 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
         An OuterStatus.
     """
     ref, before = scratch(_N_SHAPED), scratch(_N_SETPOINT)
-    shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
+    shaped_reference_at(time_ns, window_of(k, state), k.heading_lead_s, times_ns, points, ref)
     ground, reacquired = state.machine[MACHINE.guidance], look(nav, k, state)
     watch_rotor(nav[NAV.pos][2], nav[NAV.down_vel], k, state)
     if ground == STANDS:

@@ -24,7 +24,7 @@ from heli_core.signals import add_sweep
 from heli_core.ticks import NS_PER_S
 from heli_outer_pd.manual_controller import count_at_limit
 from heli_outer_pd.outer_loop import OuterLoopState, step
-from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.reference import shaped_reference_at, window_of
 from heli_outer_pd.state import (
     FLIES,
     MACHINE,
@@ -95,7 +95,8 @@ class OwnPositionLaw:
             self._begins, self._from_trim = True, False
             return code
         ref = self._reference
-        shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
+        window_ns = window_of(k, flown)
+        shaped_reference_at(time_ns, window_ns, k.heading_lead_s, times_ns, points, ref)
         if self._begins:
             self.law.reset(nav, ref, before, tick, time_s)
         made = self.law.step(nav, ref, tick, time_s)

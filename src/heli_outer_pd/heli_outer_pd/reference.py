@@ -20,7 +20,7 @@ from heli_outer_pd.disturbance import flown_acceleration_ned, flyable, hover_sha
 from heli_outer_pd.guidance.paths import STEP_S
 from heli_outer_pd.manual_controller import collective_limits, manual_deflections
 from heli_outer_pd.modes import RefusalCause
-from heli_outer_pd.state import OuterParams, OuterState
+from heli_outer_pd.state import MEMORY, OuterParams, OuterState
 
 # -------------------------------------------------------------------------------------------------
 # Reference.
@@ -75,15 +75,22 @@ def turn_rate_at(time_ns, times_ns, points):
     return least / (_TURN_NS * 1e-9)
 
 
-def shaping_window_ns(values: Mapping[str, Any]) -> int:
-    """Window over which the law averages the reference, ns, from the outer loop's parameters.
+def unforeseen_window_ns(values: Mapping[str, Any]) -> int:
+    """Window over which the law averages a reference of others, ns, from its parameters.
 
-    Of a reference that is not known ahead (`reference_preview`) it is one step of the law, which
-    its acceleration is the difference over: half a step lies ahead of now.
+    Of one that is not known ahead (`reference_preview`) it is one step of the law, which its
+    acceleration is the difference over: half a step lies ahead of now. What the loop plans itself
+    is known from the command on.
     """
     window_ns = round(values["reference_shaping_s"] * NS_PER_S)
     step_ns = values["period_ticks"] * TICK_NS
     return window_ns if values["reference_preview"] else min(window_ns, step_ns)
+
+
+@njit
+def window_of(k, state):
+    """Window, ns, over which the reference that is followed is averaged."""
+    return k.unforeseen_ns if state.x[MEMORY.unforeseen] > 0.5 else k.shaping_ns
 
 
 def foreseen_ns(window_ns: int) -> int:
@@ -172,11 +179,11 @@ def flown_now(nav: Array, k: OuterParams, state: OuterState) -> MotionState:
     return MotionState(np.array([nav[NAV.pos], nav[NAV.vel], acc]), np.array([psi, rate, 0.0]))
 
 
-def reference_state(trajectory: Trajectory, now_ns: int, k: OuterParams) -> MotionState:
-    """How the reference moves, as the law follows it."""
+def reference_state(trajectory: Trajectory, now_ns: int, window_ns: int) -> MotionState:
+    """How the reference moves, as the law follows it, averaged over its window."""
     shaped, row = np.empty(SHAPED.size), np.empty(REFERENCE.size)
     asked = now_ns - trajectory.start_ns, trajectory.times_ns, trajectory.points
-    shaped_reference_at(asked[0], k.shaping_ns, 0.0, *asked[1:], shaped)
+    shaped_reference_at(asked[0], window_ns, 0.0, *asked[1:], shaped)
     reference_at(*asked, row)
     ned = np.array([shaped[SHAPED.pos], shaped[SHAPED.vel], shaped[SHAPED.acc]])
     return MotionState(ned, np.array([row[REFERENCE.psi], turn_rate_at(*asked), 0.0]))
@@ -187,7 +194,7 @@ def warm_up(k: OuterParams, state: OuterState) -> None:
     nav = np.zeros(NAV.size)
     nav[NAV.quat] = 1.0, 0.0, 0.0, 0.0
     flown_now(nav, k, state)
-    reference_state(Trajectory.hover(np.zeros(3), 0.0), 0, k)
+    reference_state(Trajectory.hover(np.zeros(3), 0.0), 0, window_of(k, state))
     manual_deflections(state, np.empty(3))
     collective_limits(k)
     hover_share(0.0, k)

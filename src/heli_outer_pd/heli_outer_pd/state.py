@@ -92,7 +92,7 @@ def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
 
 
 class OuterStateRow(NamedTuple):
-    """Numbers of the law's state (92,)."""
+    """Numbers of the law's state (93,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -160,7 +160,8 @@ class OuterStateRow(NamedTuple):
     at_limit_s: int = 86  # the collective has commanded the least or most thrust for so long
     stands: slice = slice(87, 89)  # what the attitude loop leaves standing, forward, right, m/s2
     led_reference: slice = slice(89, 92)  # acceleration of the reference behind the same filter
-    size: int = 92
+    unforeseen: int = 92  # 1.0: a reference is followed that is not known ahead
+    size: int = 93
 
 
 MEMORY = OuterStateRow()
@@ -200,7 +201,7 @@ ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 class OuterState(NamedTuple):
     """State of the law, changed in place."""
 
-    x: np.ndarray  # (92,) places of `MEMORY`
+    x: np.ndarray  # (93,) places of `MEMORY`
     machine: np.ndarray  # (5,) int64, places of `MACHINE`
 
     def copy(self) -> "OuterState":
@@ -250,6 +251,7 @@ class OuterParams(NamedTuple):
     trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
     rotor: RotorMap
     shaping_ns: int  # window of the reference shaping
+    unforeseen_ns: int  # the same of a reference that is not known ahead
     heading_lead_s: float  # lead of the commanded heading on the reference's
     attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
     tilt_standing_s: float  # what tilt is off by for longer is disturbance; 0: all of it

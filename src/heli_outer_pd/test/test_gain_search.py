@@ -40,7 +40,7 @@ AXIS = Axis(
     speed_error=drifting(0.01, 0.5),
     period_ticks=4,
 )
-WANTED = AxisRequirements(0.05, 0.05, disk_margin=0.6, disk_margin_of_others=0.4)
+WANTED = AxisRequirements(0.05, 0.05, disk_margin=0.6, disk_margin_of_others=0.4, step_mps2=np.inf)
 
 
 def test_rounding_does_not_move_the_end():
@@ -62,13 +62,23 @@ def test_best_gains_keep_the_floor_and_no_neighbour_is_better():
     assert disk_margin(open_loop(AXIS, best_g)[1]) >= 0.6
     assert disk_margin(open_loop(late, best_g)[1]) >= 0.4
     least = cost(best_g, AXIS, (late,), WANTED)
-    rms = np.array([deviations(axis, best_g) for axis in (AXIS, late)])
+    rms = np.array([deviations(axis, best_g)[:2] for axis in (AXIS, late)])
     assert least == pytest.approx(np.mean(np.sum((rms / 0.05) ** 2, axis=1)), rel=1e-12)
     for i in range(4):
         for way in (-1, 1):
             beside = list(best)
             beside[i] = on_grid(place_of(best[i]) + way)
             assert cost(gains_at(beside, 0.8, 0.1), AXIS, (late,), WANTED) > least * (1.0 - 1e-4)
+
+
+def test_gains_whose_command_shakes_are_none():
+    """The step is the bound of the axis as modelled alone; without the bound they would be best."""
+    free = gains_at(best_gains("forward", AXIS, (), WANTED, 0.8, 0.1), 0.8, 0.1)
+    calm = replace(WANTED, step_mps2=0.7 * deviations(AXIS, free).step_mps2)
+    bound = gains_at(best_gains("forward", AXIS, (), calm, 0.8, 0.1), 0.8, 0.1)
+    assert deviations(AXIS, bound).step_mps2 <= calm.step_mps2
+    assert cost(free, AXIS, (), calm) == np.inf
+    assert cost(bound, AXIS, (), WANTED) > cost(free, AXIS, (), WANTED)
 
 
 def test_an_axis_that_nothing_holds_is_refused_by_name():

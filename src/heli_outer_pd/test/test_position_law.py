@@ -312,13 +312,18 @@ def test_a_command_is_not_flown_before_its_time():
     """Nothing moves before it; from then on speed and acceleration of the reference as it is."""
     values = load(TABLE, [YAML], NODE_NAME)
     ahead, command = (
-        reference.shaping_window_ns(values | {"reference_preview": known}) * 1e-9
+        reference.unforeseen_window_ns(values | {"reference_preview": known}) * 1e-9
         for known in (True, False)
     )
     assert (ahead, command) == (0.8, 0.04)
     off = values | {"reference_preview": False, "reference_shaping_s": 0.0}
-    assert reference.shaping_window_ns(off) == 0
-    assert config.outer_params(values | {"reference_preview": False}).shaping_ns == 40_000_000
+    assert reference.unforeseen_window_ns(off) == 0
+    # Of others alone: what the loop plans itself is known from its command on.
+    k = config.outer_params(values | {"reference_preview": False})
+    state = position_law.initial_state(k)
+    assert reference.window_of(k, state) == 800_000_000
+    state.x[position_law.MEMORY.unforeseen] = 1.0
+    assert reference.window_of(k, state) == 40_000_000
     limits = MotionLimits(3.0, 2.5, 2.5, 5.0, 1.0, 1.0, 2.0)
     climb = FlightPath(np.zeros(3), 0.1, limits).stay(18.0).go_to([0.0, 0.0, -10.0]).trajectory()
     t = np.arange(17.0, 25.0, 0.04)
