@@ -79,9 +79,9 @@ def test_the_climb_is_not_told_before_the_reference_has_arrived(flown):
     settings, record = flown
     live = watched(settings)
     engage(live)
-    assert show(live, record, range(2199))["climb"] == {}
-    early = show(live, record, range(2199, 2250))["climb"]["nav"]
-    assert early["climb_time"] == pytest.approx(3.9, abs=0.1)
+    assert show(live, record, range(2349))["climb"] == {}
+    early = show(live, record, range(2349, 2400))["climb"]["nav"]
+    assert early["climb_time"] == pytest.approx(4.7, abs=0.1)
     assert early["climb_lag"] == pytest.approx(0.0, abs=0.1)
 
 

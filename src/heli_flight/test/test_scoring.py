@@ -285,7 +285,7 @@ def test_what_a_pilot_commands_in_a_test_is_not_scored():
     mine = Result(score(record(nav_pos_ned_m=away, commanded=commanded), scenario()), "", 60.0, 1.0)
     assert mine.figures.until_s == 28.0
     assert mine.verdict("standalone") is Verdict.INSIDE
-    assert mine.coverage("standalone").spans_s == ((5.0, 17.5), (25.0, 28.0))
+    assert mine.coverage("standalone").spans_s == ((5.0, 18.0), (25.0, 28.0))
     fell = np.full(6000, "NONE", "U14")
     fell[2790:] = "LAND"
     lost = score(record(nav_pos_ned_m=away, commanded=commanded, failsafe=fell), scenario())
