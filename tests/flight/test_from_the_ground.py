@@ -13,7 +13,7 @@ from heli_outer_pd.position_health import ground_begun_m
 MODES = ["standing", "takeoff", "hover", "trajectory", "hover", "land", "standing"]
 
 
-def flown(gps="standalone", seed=1, wind_mps=5.0, towards_deg=225.0, slope=(0.0, 0.0)):
+def flown(gps="standalone", seed=1, wind_mps=5.0, towards_deg=225.0, slope=(0.0, 0.0), drag=1.0):
     settings = resolve(
         "takeoff_land",
         gps,
@@ -23,6 +23,7 @@ def flown(gps="standalone", seed=1, wind_mps=5.0, towards_deg=225.0, slope=(0.0,
                 "wind.profile_speed_mps": [wind_mps] * 3,
                 "wind.towards_deg": towards_deg,
                 "ground.slope": [float(rise) for rise in slope],
+                "scale.drag": drag,
             }
         },
     )
@@ -53,8 +54,9 @@ def test_take_off_and_landing_are_inside_their_goals(gps, seed, towards_deg, slo
 
 
 def test_what_is_too_much_is_broken_off_and_not_lost():
-    """8 m/s blowing down a slope of 5 deg: it leans too far before it lifts, and is set down."""
-    settings, flight = flown("rtk", 4, 8.0, towards_deg=270.0, slope=(0.0, np.tan(np.radians(5.0))))
+    """8 m/s down a slope of 5 deg, four times the drag: it leans too far before it lifts."""
+    slope = (0.0, np.tan(np.radians(5.0)))
+    settings, flight = flown("rtk", 4, 8.0, towards_deg=270.0, slope=slope, drag=4.0)
     assert flight.status == 0, flight.sentence
     modes = flight.record.mode
     changes = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
@@ -120,7 +122,7 @@ def test_it_lands_level_where_it_is_lost(seed, world):
 
 def test_a_fix_that_comes_back_in_the_descent_is_taken_over_without_a_step():
     """It brakes, and lands with less sideways speed than the level descent would."""
-    record, figures = lost_and_landed(2, "rtk", until_s=31.0)
+    record, figures = lost_and_landed(2, until_s=31.0)
     sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
     (again,) = np.flatnonzero((sigma[1:] < 0.1) & (sigma[:-1] > 0.5))
     attitude, collective = commanded(record)

@@ -6,8 +6,8 @@
 import { nameOf } from "./faults.js";
 import { wrapped } from "./format.js";
 
-// A 1-cosine gust from there on pushes the simulated hover a few decimetres away (10 m/s for 5 s: 0.53 m).
-const STRONG_GUST_MPS = 8;
+// A 1-cosine gust from there on pushes the simulated hover a few decimetres away (14 m/s for 5 s: 0.3 m).
+const STRONG_GUST_MPS = 12;
 // Below it the drift of a standalone receiver (1.5 m upright, one sigma) reaches the ground.
 const LOW_M = 5;
 const POINTS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];

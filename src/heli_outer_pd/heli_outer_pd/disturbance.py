@@ -32,7 +32,7 @@ from heli_outer_pd.state import (
 #
 # Beyond, position is held softly: small gains and tilts, and of the command only a part, the rest
 # is
-# the attitude as it is. That takes three quarters of its stiffness from the attitude loop and
+# the attitude as it is. That takes four fifths of its stiffness from the attitude loop and
 # leaves
 # its damping: little is asked of the servo's speed, and the oscillation dies. A servo that is
 # stuck
@@ -54,7 +54,7 @@ they come and go every 1.2 s: so often over the last seconds it is not a servo."
 _CALM_S = 5.0
 """Below half the limit for so long, each time twice as long, it has its gains again."""
 _TURNED_RAD, _TURNS_RADPS = math.radians(30.0), 1.5
-K_P_SHARE, K_D_SHARE, AS_IT_IS = 0.1, 0.5, 0.75
+K_P_SHARE, K_D_SHARE, AS_IT_IS = 0.1, 0.3, 0.8
 """In soft flight, of the horizontal gains, and of those of the disturbance's observer (l2, l1): the
 bandwidth falls to a third, damping grows; of the attitude as it is in what is commanded."""
 SOFT_TILT_RAD = math.radians(15.0)
