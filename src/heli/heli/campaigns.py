@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 from heli.arguments import in_python, whole
 from heli.flight import html_table
 from heli.flying import flown, laws_of, ordered
+from heli_core.python_controller import LawError, in_one_line
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import tell_if_it_compiles
 from heli_flight.parts import Parts
+from heli_flight.settings import Settings
 from heli_flight.terminal import console, long_steps, silent
 from heli_studies.campaign.run import parse_seeds
-from heli_studies.campaign.spec import spec_of
+from heli_studies.campaign.spec import NUMBER, FlightEnding, spec_of
 from heli_studies.campaign.workers import flier, tasks
 
 if TYPE_CHECKING:
@@ -128,7 +130,8 @@ def campaign(
     seeds : "1..20", or integers, optional
         Of the flights of one scenario.
     workers : int
-        Of a spec: so many processes; 0: this one.
+        So many processes; 0: this one. A law in Python comes along, a lambda, too; a script that
+        flies on workers does so below `if __name__ == "__main__":`.
     quiet : bool
         True: no progress.
     **options
@@ -155,12 +158,10 @@ def campaign(
         if options:
             raise ParameterError(f"campaign: {', '.join(options)}: a spec's own keys say it")
         return _of_spec(Path(spec), workers, quiet)
-    if workers:
-        raise ParameterError("campaign: workers: belongs to a spec")
     wanted = parse_seeds(seeds) if isinstance(seeds, str) else _whole(seeds)
     if not wanted or min(wanted) < 0:
         raise ParameterError(f"campaign: seeds {wanted}: not allowed; allowed: integers from 0")
-    return _of_seeds(wanted, options, quiet)
+    return _of_seeds(wanted, options, workers, quiet)
 
 
 def _whole(seeds: Any) -> list[int]:
@@ -190,16 +191,76 @@ def _progress(total: int, quiet: bool) -> Any:
     return nullcontext(lambda done, remark: None) if quiet else long_steps("flights", total)
 
 
-def _of_seeds(seeds: Sequence[int], options: Mapping[str, Any], quiet: bool) -> Campaign:
+class SeedFlights:
+    """Flights of one scenario on many seeds: what workers fly (`workers.FlightBatch`).
+
+    Parameters
+    ----------
+    settings : Settings
+    law : Any
+        As of `heli.fly`.
+    seeds : sequence of int
+    """
+
+    chunk = 1
+
+    def __init__(self, settings: Settings, law: Any, seeds: Sequence[int]) -> None:
+        self.settings, self.law, self.seeds = settings, law, seeds
+
+    @property
+    def count(self) -> int:
+        """Flights of it."""
+        return len(self.seeds)
+
+    def fly(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """A row of each."""
+        return [
+            {NUMBER: n} | _row(self.settings.with_seed(self.seeds[n]), self.law) for n in numbers
+        ]
+
+    def killed(self, number: int) -> dict[str, Any]:
+        """The row of a flight that ended its process each time."""
+        sentence = "the process that flew it ended each time"
+        row = {NUMBER: number, "seed": self.seeds[number], "cause": FlightEnding.KILLED.value}
+        return row | {"sentence": sentence, "exit_code": 1}
+
+    def __getstate__(self) -> dict[str, Any]:
+        from distributed.protocol.pickle import dumps  # takes what is defined in a notebook, too
+
+        try:
+            return vars(self) | {"law": dumps(self.law)}
+        except Exception as error:
+            raise LawError(
+                f"law {type(self.law).__name__}: cannot be sent to workers: {in_one_line(error)}; "
+                "allowed: workers=0, or a law in a file, law='my_law.py:NAME'"
+            ) from error
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        from distributed.protocol.pickle import loads
+
+        try:
+            law = loads(state["law"])
+        except Exception as error:
+            raise LawError(f"law: a worker cannot load it: {in_one_line(error)}") from error
+        self.__dict__.update(state | {"law": law})
+
+
+def _of_seeds(
+    seeds: Sequence[int], options: Mapping[str, Any], workers: int, quiet: bool
+) -> Campaign:
     law = options.get("law")
     settings = ordered(laws_of(law), **{n: v for n, v in options.items() if n != "law"}).resolved()
-    rows = []
+    batch = SeedFlights(settings, law, seeds)
     tell_if_it_compiles(silent() if quiet else console(stderr=True), law is not None)
-    with _progress(len(seeds), quiet) as progress:
-        for seed in seeds:
-            rows.append(_row(settings.with_seed(seed), law))
+    rows: list[dict[str, Any]] = []
+    with flier(workers) as fly, _progress(len(seeds), quiet) as progress:
+        for some in fly(batch, tasks(batch, set())):
+            rows += some
             progress(len(rows), "")
-    return Campaign(rows)
+    return Campaign(
+        {name: value for name, value in row.items() if name != NUMBER}
+        for row in sorted(rows, key=lambda row: row[NUMBER])
+    )
 
 
 def _row(settings: Any, law: Any) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 """Laws given in Python: the packaged ones, wrapped, fly the same; what goes wrong is said."""
 
 import re
+import threading
 
 import numpy as np
 import pytest
@@ -251,3 +252,21 @@ def test_many_seeds_of_a_law(compiled):
     table = heli.campaign(seeds=[3], law=Attitude, gps="rtk", duration_s=30, quiet=True)
     value = compiled.metrics.of("truth")["altitude"].value
     assert table.column("max.altitude (truth)") == [value]
+
+
+@pytest.mark.slow
+def test_workers_fly_a_law_to_the_same_rows():
+    def gains(x, r, t):
+        return 0.3 * (r[0] - x[0]), 0.3 * (r[1] - x[1]), 0.0
+
+    flights = {"seeds": "1..3", "scenario": "attitude", "duration_s": 8, "law": gains}
+    here = heli.campaign(quiet=True, **flights)
+    there = heli.campaign(quiet=True, workers=2, **flights)
+    assert list(there) == list(here) and there.column("seed") == [1, 2, 3]
+
+
+def test_a_law_that_cannot_be_sent_is_named():
+    law = type("Law", (), {"step": lambda self, x, r, t: (0.0, 0.0, 0.0)})()
+    law.lock = threading.Lock()
+    with pytest.raises(heli.LawError, match="Law: cannot be sent to workers"):
+        heli.campaign(seeds=[1], scenario="attitude", law=law, workers=1, quiet=True)
