@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli.arguments import in_python, whole
-from heli.flight import html_table
+from heli.flight import html_table, write_table
 from heli.flying import flown, laws_of, ordered
+from heli_core.metrics import PaperMetric
 from heli_core.python_controller import LawError, in_one_line
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
@@ -25,8 +26,10 @@ from heli_studies.campaign.workers import flier, tasks
 
 if TYPE_CHECKING:
     import pyarrow
+    from matplotlib.figure import Figure
 
 _SHOWN = 12
+_ACROSS = 3
 
 
 class Campaign(Sequence[Mapping[str, Any]]):
@@ -36,11 +39,14 @@ class Campaign(Sequence[Mapping[str, Any]]):
     and record the largest magnitude: `max.` over the scored windows, `max_whole.` over the flight.
     """
 
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        self._rows = list(rows)
+    def __init__(
+        self, rows: Iterable[Mapping[str, Any]], metrics: Sequence[PaperMetric] = ()
+    ) -> None:
+        self._rows, self._metrics = list(rows), metrics
 
     def __getitem__(self, index: Any) -> Any:
-        return Campaign(self._rows[index]) if isinstance(index, slice) else self._rows[index]
+        some = self._rows[index]
+        return Campaign(some, self._metrics) if isinstance(index, slice) else some
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -80,6 +86,17 @@ class Campaign(Sequence[Mapping[str, Any]]):
         from heli.flight import as_dataframe
 
         return as_dataframe(self.to_arrow())
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the rows into a file: .csv or .parquet; ParameterError for another ending."""
+        return write_table(self.to_arrow(), path)
+
+    def plot(self) -> Figure:
+        """The share of the flights that stay below each size of an error, by metric.
+
+        A figure of matplotlib: truth and navigation record over the scored windows, and the bound.
+        """
+        return draw(self, self._metrics, self._summary())
 
     def _summary(self) -> str:
         return (
@@ -184,7 +201,8 @@ def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:
         for some in fly(spec, todo):
             rows += some
             progress(len(rows), "")
-    return Campaign(sorted(rows, key=lambda row: row["flight"]))
+    rows.sort(key=lambda row: row["flight"])
+    return Campaign(rows, spec.base.scenario.metrics)
 
 
 def _progress(total: int, quiet: bool) -> Any:
@@ -257,10 +275,43 @@ def _of_seeds(
         for some in fly(batch, tasks(batch, set())):
             rows += some
             progress(len(rows), "")
-    return Campaign(
-        {name: value for name, value in row.items() if name != NUMBER}
-        for row in sorted(rows, key=lambda row: row[NUMBER])
+    rows.sort(key=lambda row: row.pop(NUMBER))
+    return Campaign(rows, settings.scenario.metrics)
+
+
+def draw(rows: Campaign, metrics: Sequence[PaperMetric], title: str) -> Figure:
+    """The distribution of each metric beside its bound; of a lost flight there is no error."""
+    import matplotlib.pyplot as plt
+
+    from heli_flight.report.data import PALETTE
+
+    shown = [m for m in metrics if f"max.{m.key} (truth)" in rows.names]
+    across = max(min(len(shown), _ACROSS), 1)
+    down = max(-(-len(shown) // across), 1)
+    figure, axes = plt.subplots(
+        down, across, figsize=(3.6 * across, 2.8 * down), layout="constrained", squeeze=False
     )
+    # A notebook would show it a second time at the end of the cell.
+    plt.close(figure)
+    figure.suptitle(title, fontsize=9, wrap=True)
+    for axis in axes.flat[len(shown) :]:
+        axis.set_visible(False)
+    for axis, metric in zip(axes.flat, shown, strict=False):
+        for source, name in (("truth", "truth"), ("navigation", "nav")):
+            column = rows.column(f"max.{metric.key} ({source})")
+            errors = sorted(value for value in column if value is not None)
+            share = [(i + 1) / len(rows) for i in range(len(errors))]
+            color = PALETTE[name][0]
+            axis.step(errors, share, where="post", color=color, label=source)
+            axis.plot(errors, share, ".", color=color)
+        if metric.bounded:
+            axis.axvline(metric.paper, color="#444444", linestyle="--", label=metric.bound_name)
+        axis.set(xlabel=f"{metric.label} ({metric.unit})", ylabel="share of flights")
+        axis.set_xlim(left=0.0)
+        axis.set_ylim(0.0, 1.02)
+        axis.grid(True, color="#dddddd", linewidth=0.5)
+        axis.legend(fontsize=8)
+    return figure
 
 
 def _row(settings: Any, law: Any) -> dict[str, Any]:
