@@ -29,7 +29,7 @@ _FLOWN = "flown"
 
 
 @dataclass(frozen=True)
-class Rival:
+class NamedLaw:
     """A law that flies against others.
 
     Attributes
@@ -49,7 +49,7 @@ class Rival:
 
 def rivals(
     names: Sequence[str], scenario: str, order: Callable[..., FlightOrder]
-) -> tuple[Rival, ...]:
+) -> tuple[NamedLaw, ...]:
     """The packaged laws, and those that are named.
 
     Parameters
@@ -70,7 +70,7 @@ def rivals(
         own = ":" in name
         named = {"law": [name]} if own else {"laws": name}
         settings = order(scenario=scenario, mode=ONE_PROCESS, **named).resolved()
-        found.append(Rival(short_name(name) if own else name, settings, own))
+        found.append(NamedLaw(short_name(name) if own else name, settings, own))
     if len(found) < 2:
         raise ParameterError(f"{PACKAGED} flies anyway; name another law, such as my_law.py:MyLaw")
     return tuple(found)
@@ -80,7 +80,7 @@ def rivals(
 class PairedFlights:
     """Every rival on every seed: what workers fly (`workers.FlightBatch`)."""
 
-    rivals: Sequence[Rival]
+    rivals: Sequence[NamedLaw]
     seeds: Sequence[int]
     chunk: int = 1
 
@@ -89,8 +89,8 @@ class PairedFlights:
         """Flights of it."""
         return len(self.rivals) * len(self.seeds)
 
-    def of(self, number: int) -> tuple[Rival, int]:
-        """Rival and seed of a flight."""
+    def of(self, number: int) -> tuple[NamedLaw, int]:
+        """NamedLaw and seed of a flight."""
         seed, rival = divmod(number, len(self.rivals))
         return self.rivals[rival], self.seeds[seed]
 
@@ -105,7 +105,7 @@ class PairedFlights:
         return {NUMBER: number, _FLOWN: FlownSeed(seed, Figures(), why)}
 
 
-def _flown(rival: Rival, seed: int) -> FlownSeed:
+def _flown(rival: NamedLaw, seed: int) -> FlownSeed:
     settings = rival.settings.with_seed(seed)
     try:
         # Found anew: a law remembers.
@@ -116,7 +116,7 @@ def _flown(rival: Rival, seed: int) -> FlownSeed:
 
 
 def compare_own(
-    laws: Sequence[Rival],
+    laws: Sequence[NamedLaw],
     seeds: Sequence[int],
     workers: int = 0,
     progress: Callable[[int], None] = lambda done: None,
@@ -125,7 +125,7 @@ def compare_own(
 
     Parameters
     ----------
-    laws : sequence of Rival
+    laws : sequence of NamedLaw
     seeds : sequence of int
     workers : int
         Processes of this machine; 0: this one.
@@ -162,7 +162,7 @@ def _largest(flown: Sequence[FlownSeed]) -> dict[tuple[str, str], np.ndarray]:
     return found
 
 
-def as_dict(laws: Sequence[Rival], flown: dict[str, list[FlownSeed]]) -> dict[str, Any]:
+def as_dict(laws: Sequence[NamedLaw], flown: dict[str, list[FlownSeed]]) -> dict[str, Any]:
     """For --json."""
     return {
         "conditions": conditions(laws[0].settings).splitlines(),
@@ -182,7 +182,7 @@ def as_dict(laws: Sequence[Rival], flown: dict[str, list[FlownSeed]]) -> dict[st
     }
 
 
-def print_own(laws: Sequence[Rival], flown: dict[str, list[FlownSeed]], out: Console) -> None:
+def print_own(laws: Sequence[NamedLaw], flown: dict[str, list[FlownSeed]], out: Console) -> None:
     """A row per metric: median and worst of each law, and on how many seeds it is the better."""
     count = len(next(iter(flown.values())))
     rows = table(
