@@ -63,6 +63,28 @@ def test_a_flight_with_phases_is_that_of_fly_too():
     assert flight.truth.altitude_m.max() > obs.truth.altitude_m + 5.0
 
 
+LINKS = """
+faults:
+  - {what: link, topic: odom, from: any, to: any, kind: loss, value: 0.3, start_s: 1.0}
+"""
+
+
+def test_links_with_faults_are_those_of_fly_and_are_saved_too(tmp_path):
+    (tmp_path / "links.yaml").write_text(LINKS)
+    arguments = {"world": "paper", "seed": 2, "quiet": True, "faults": tmp_path / "links.yaml"}
+    flight = heli.fly("hover", duration_s=4.0, **arguments)
+    sim = heli.Simulation(scenario="hover", **arguments)
+    obs = sim.reset()
+    for n in range(len(flight.time_s) - 1):
+        if n == 200:
+            state = sim.save()
+            for _ in range(10):
+                sim.step()
+            sim.restore(state)
+        obs = sim.step()
+    assert obs.truth.row[:10].tobytes() == truth_of(flight, -1).tobytes()
+
+
 def test_a_restored_run_is_the_same_at_every_level():
     sim, _ = begun(world="paper")
     for _ in range(250):
