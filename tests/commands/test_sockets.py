@@ -74,6 +74,7 @@ CALLS = {
     "setup": ["setup"],
     "compare attitude": ["compare", "attitude", *ONE],
     "compare robustness": ["compare", "robustness", "--n", "1", "--duration", "3"],
+    "compare controller": ["compare", "controller", "{law}", *ONE],
     "compare worlds": ["compare", "worlds", "--worlds", "paper", *ONE[:4]],
     "compare laws": [
         "compare", "laws", "--worlds", "paper", "--control-preset", "packaged", "--n", "0",
@@ -195,6 +196,7 @@ def made(shim, tmp_path_factory):
     """What other commands read: a flight, and a campaign's folder, with what they bound."""
     folder = tmp_path_factory.mktemp("made")
     places = {"spec": folder / "spec.yaml", "flight": folder / "flight", "campaign": folder / "c"}
+    places["law"] = f"{ROOT / 'examples' / 'my_law.py'}:MyLaw"
     places["spec"].write_text(yaml.safe_dump(SPEC))
     places["ranges"] = folder / "ranges.yaml"
     places["ranges"].write_text(yaml.safe_dump({"/**/robust": {"ros__parameters": NARROW}}))

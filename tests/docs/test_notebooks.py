@@ -28,10 +28,10 @@ def stored(path):
     return nbformat.read(path, as_version=4)
 
 
-def test_there_are_five_and_the_page_beside_them_names_each():
+def test_there_are_six_and_the_page_beside_them_names_each():
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert len(BOOKS) == 5
-    assert [f"]({path.name})" in text for path in BOOKS] == [True] * 5
+    assert len(BOOKS) == 6
+    assert [f"]({path.name})" in text for path in BOOKS] == [True] * 6
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ FEW_LINES = 80
 BEGINS_A_PROCESS = ("cli.hover_test", "start", "graph.bound", "graph.composed", "graph.hog",
                     "graph.preload", "graph.scenario_node", "graph.standby")  # fmt: skip
 SHORT = {
+    "heli.gym": "imported by its name, before gymnasium.make; says what is missing without",
     **{f"heli_flight.{name}": "begins a process" for name in BEGINS_A_PROCESS},
     "heli_actions.parameters": "a node's table, which its node and a pilot read",
     "heli_core.atmosphere": "of the plant and of the observer, which do not know each other",

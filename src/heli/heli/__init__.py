@@ -24,6 +24,7 @@ __getattr__, __dir__, __all__ = face(
         "heli_core.rcl_yaml": ["ParameterError"],
         "heli_core.version": ["__version__"],
         "heli_dynamics_sim.aircraft": ["AircraftError"],
+        "heli_dynamics_sim.local_model": ["LOCAL", "LocalModel"],
         "heli_dynamics_sim.trim": ["TrimError"],
         "heli_observer.observer": ["Observer"],
         "comparing": ["Diff", "diff"],
@@ -40,5 +41,6 @@ __getattr__, __dir__, __all__ = face(
         "flight": ["Flight", "Metric", "Metrics", "NAV", "NINE", "SHAPED", "Signal", "Signals"],
         "campaigns": ["Campaign", "campaign"],
         "flying": ["fly", "load"],
+        "simulating": ["Observation", "NamedRow", "Simulation"],
     },
 )

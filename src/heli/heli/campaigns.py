@@ -10,21 +10,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli.arguments import in_python, whole
-from heli.flight import html_table
+from heli.flight import html_table, write_table
 from heli.flying import flown, laws_of, ordered
+from heli_core.metrics import PaperMetric
+from heli_core.python_controller import LawError, in_one_line
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import tell_if_it_compiles
 from heli_flight.parts import Parts
+from heli_flight.settings import Settings
 from heli_flight.terminal import console, long_steps, silent
 from heli_studies.campaign.run import parse_seeds
-from heli_studies.campaign.spec import spec_of
+from heli_studies.campaign.spec import NUMBER, FlightEnding, spec_of
 from heli_studies.campaign.workers import flier, tasks
 
 if TYPE_CHECKING:
     import pyarrow
+    from matplotlib.figure import Figure
 
 _SHOWN = 12
+_ACROSS = 3
 
 
 class Campaign(Sequence[Mapping[str, Any]]):
@@ -34,11 +39,14 @@ class Campaign(Sequence[Mapping[str, Any]]):
     and record the largest magnitude: `max.` over the scored windows, `max_whole.` over the flight.
     """
 
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        self._rows = list(rows)
+    def __init__(
+        self, rows: Iterable[Mapping[str, Any]], metrics: Sequence[PaperMetric] = ()
+    ) -> None:
+        self._rows, self._metrics = list(rows), metrics
 
     def __getitem__(self, index: Any) -> Any:
-        return Campaign(self._rows[index]) if isinstance(index, slice) else self._rows[index]
+        some = self._rows[index]
+        return Campaign(some, self._metrics) if isinstance(index, slice) else some
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -78,6 +86,17 @@ class Campaign(Sequence[Mapping[str, Any]]):
         from heli.flight import as_dataframe
 
         return as_dataframe(self.to_arrow())
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the rows into a file: .csv or .parquet; ParameterError for another ending."""
+        return write_table(self.to_arrow(), path)
+
+    def plot(self) -> Figure:
+        """The share of the flights that stay below each size of an error, by metric.
+
+        A figure of matplotlib: truth and navigation record over the scored windows, and the bound.
+        """
+        return draw(self, self._metrics, self._summary())
 
     def _summary(self) -> str:
         return (
@@ -128,7 +147,8 @@ def campaign(
     seeds : "1..20", or integers, optional
         Of the flights of one scenario.
     workers : int
-        Of a spec: so many processes; 0: this one.
+        So many processes; 0: this one. A law in Python comes along, a lambda, too; a script that
+        flies on workers does so below `if __name__ == "__main__":`.
     quiet : bool
         True: no progress.
     **options
@@ -155,12 +175,10 @@ def campaign(
         if options:
             raise ParameterError(f"campaign: {', '.join(options)}: a spec's own keys say it")
         return _of_spec(Path(spec), workers, quiet)
-    if workers:
-        raise ParameterError("campaign: workers: belongs to a spec")
     wanted = parse_seeds(seeds) if isinstance(seeds, str) else _whole(seeds)
     if not wanted or min(wanted) < 0:
         raise ParameterError(f"campaign: seeds {wanted}: not allowed; allowed: integers from 0")
-    return _of_seeds(wanted, options, quiet)
+    return _of_seeds(wanted, options, workers, quiet)
 
 
 def _whole(seeds: Any) -> list[int]:
@@ -183,23 +201,117 @@ def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:
         for some in fly(spec, todo):
             rows += some
             progress(len(rows), "")
-    return Campaign(sorted(rows, key=lambda row: row["flight"]))
+    rows.sort(key=lambda row: row["flight"])
+    return Campaign(rows, spec.base.scenario.metrics)
 
 
 def _progress(total: int, quiet: bool) -> Any:
     return nullcontext(lambda done, remark: None) if quiet else long_steps("flights", total)
 
 
-def _of_seeds(seeds: Sequence[int], options: Mapping[str, Any], quiet: bool) -> Campaign:
+class SeedFlights:
+    """Flights of one scenario on many seeds: what workers fly (`workers.FlightBatch`).
+
+    Parameters
+    ----------
+    settings : Settings
+    law : Any
+        As of `heli.fly`.
+    seeds : sequence of int
+    """
+
+    chunk = 1
+
+    def __init__(self, settings: Settings, law: Any, seeds: Sequence[int]) -> None:
+        self.settings, self.law, self.seeds = settings, law, seeds
+
+    @property
+    def count(self) -> int:
+        """Flights of it."""
+        return len(self.seeds)
+
+    def fly(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """A row of each."""
+        return [
+            {NUMBER: n} | _row(self.settings.with_seed(self.seeds[n]), self.law) for n in numbers
+        ]
+
+    def killed(self, number: int) -> dict[str, Any]:
+        """The row of a flight that ended its process each time."""
+        sentence = "the process that flew it ended each time"
+        row = {NUMBER: number, "seed": self.seeds[number], "cause": FlightEnding.KILLED.value}
+        return row | {"sentence": sentence, "exit_code": 1}
+
+    def __getstate__(self) -> dict[str, Any]:
+        from distributed.protocol.pickle import dumps  # takes what is defined in a notebook, too
+
+        try:
+            return vars(self) | {"law": dumps(self.law)}
+        except Exception as error:
+            raise LawError(
+                f"law {type(self.law).__name__}: cannot be sent to workers: {in_one_line(error)}; "
+                "allowed: workers=0, or a law in a file, law='my_law.py:NAME'"
+            ) from error
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        from distributed.protocol.pickle import loads
+
+        try:
+            law = loads(state["law"])
+        except Exception as error:
+            raise LawError(f"law: a worker cannot load it: {in_one_line(error)}") from error
+        self.__dict__.update(state | {"law": law})
+
+
+def _of_seeds(
+    seeds: Sequence[int], options: Mapping[str, Any], workers: int, quiet: bool
+) -> Campaign:
     law = options.get("law")
     settings = ordered(laws_of(law), **{n: v for n, v in options.items() if n != "law"}).resolved()
-    rows = []
+    batch = SeedFlights(settings, law, seeds)
     tell_if_it_compiles(silent() if quiet else console(stderr=True), law is not None)
-    with _progress(len(seeds), quiet) as progress:
-        for seed in seeds:
-            rows.append(_row(settings.with_seed(seed), law))
+    rows: list[dict[str, Any]] = []
+    with flier(workers) as fly, _progress(len(seeds), quiet) as progress:
+        for some in fly(batch, tasks(batch, set())):
+            rows += some
             progress(len(rows), "")
-    return Campaign(rows)
+    rows.sort(key=lambda row: row.pop(NUMBER))
+    return Campaign(rows, settings.scenario.metrics)
+
+
+def draw(rows: Campaign, metrics: Sequence[PaperMetric], title: str) -> Figure:
+    """The distribution of each metric beside its bound; of a lost flight there is no error."""
+    import matplotlib.pyplot as plt
+
+    from heli_flight.report.data import PALETTE
+
+    shown = [m for m in metrics if f"max.{m.key} (truth)" in rows.names]
+    across = max(min(len(shown), _ACROSS), 1)
+    down = max(-(-len(shown) // across), 1)
+    figure, axes = plt.subplots(
+        down, across, figsize=(3.6 * across, 2.8 * down), layout="constrained", squeeze=False
+    )
+    # A notebook would show it a second time at the end of the cell.
+    plt.close(figure)
+    figure.suptitle(title, fontsize=9, wrap=True)
+    for axis in axes.flat[len(shown) :]:
+        axis.set_visible(False)
+    for axis, metric in zip(axes.flat, shown, strict=False):
+        for source, name in (("truth", "truth"), ("navigation", "nav")):
+            column = rows.column(f"max.{metric.key} ({source})")
+            errors = sorted(value for value in column if value is not None)
+            share = [(i + 1) / len(rows) for i in range(len(errors))]
+            color = PALETTE[name][0]
+            axis.step(errors, share, where="post", color=color, label=source)
+            axis.plot(errors, share, ".", color=color)
+        if metric.bounded:
+            axis.axvline(metric.paper, color="#444444", linestyle="--", label=metric.bound_name)
+        axis.set(xlabel=f"{metric.label} ({metric.unit})", ylabel="share of flights")
+        axis.set_xlim(left=0.0)
+        axis.set_ylim(0.0, 1.02)
+        axis.grid(True, color="#dddddd", linewidth=0.5)
+        axis.legend(fontsize=8)
+    return figure
 
 
 def _row(settings: Any, law: Any) -> dict[str, Any]:

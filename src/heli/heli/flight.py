@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import NAV, NINE, SHAPED
 from heli_flight.flight_file import NAME, sections, write_parameters
 from heli_flight.record import write_record
@@ -385,7 +386,7 @@ class Metrics(Mapping[str, Metric]):
 
 
 # -------------------------------------------------------------------------------------------------
-# Flight.
+# Tables elsewhere.
 # -------------------------------------------------------------------------------------------------
 
 _NO_PANDAS = (
@@ -400,6 +401,34 @@ def as_dataframe(table: pyarrow.Table) -> Any:
         return table.to_pandas()
     except ImportError:
         raise ImportError(_NO_PANDAS) from None
+
+
+def write_table(table: pyarrow.Table, path: str | os.PathLike[str]) -> Path:
+    """Write a table of pyarrow as its file's name ends: .csv or .parquet.
+
+    Raises
+    ------
+    ParameterError
+        It ends otherwise, or cannot be written.
+    """
+    from pyarrow import csv, parquet
+
+    target = Path(path)
+    writers = {".csv": csv.write_csv, ".parquet": parquet.write_table}
+    if target.suffix not in writers:
+        raise ParameterError(f"path {target}: not allowed; allowed: a name in .csv or .parquet")
+    try:
+        writers[target.suffix](table, os.fspath(target))
+    except OSError as error:
+        raise ParameterError(
+            f"path {target}: cannot be written: {os.strerror(error.errno or 0)}"
+        ) from None
+    return target
+
+
+# -------------------------------------------------------------------------------------------------
+# Flight.
+# -------------------------------------------------------------------------------------------------
 
 
 class Flight:
@@ -551,6 +580,16 @@ class Flight:
             There is no pandas; the sentence says how to get it.
         """
         return as_dataframe(self.to_arrow())
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the signals into a file, one row per tick: .csv or .parquet.
+
+        Raises
+        ------
+        ParameterError
+            The name ends otherwise, or it cannot be written.
+        """
+        return write_table(self.to_arrow(), path)
 
     def plot(self) -> Figure:
         """Altitude, track, attitude and actuators in one figure of matplotlib."""

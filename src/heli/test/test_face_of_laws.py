@@ -2,8 +2,12 @@
 """Laws given in Python: the packaged ones, wrapped, fly the same; what goes wrong is said."""
 
 import re
+import threading
 
 import numpy as np
+import pyarrow
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 import heli
@@ -251,3 +255,49 @@ def test_many_seeds_of_a_law(compiled):
     table = heli.campaign(seeds=[3], law=Attitude, gps="rtk", duration_s=30, quiet=True)
     value = compiled.metrics.of("truth")["altitude"].value
     assert table.column("max.altitude (truth)") == [value]
+
+
+@pytest.mark.slow
+def test_workers_fly_a_law_to_the_same_rows():
+    def gains(x, r, t):
+        return 0.3 * (r[0] - x[0]), 0.3 * (r[1] - x[1]), 0.0
+
+    flights = {"seeds": "1..3", "scenario": "attitude", "duration_s": 8, "law": gains}
+    here = heli.campaign(quiet=True, **flights)
+    there = heli.campaign(quiet=True, workers=2, **flights)
+    assert list(there) == list(here) and there.column("seed") == [1, 2, 3]
+
+
+def test_a_law_that_cannot_be_sent_is_named():
+    law = type("Law", (), {"step": lambda self, x, r, t: (0.0, 0.0, 0.0)})()
+    law.lock = threading.Lock()
+    with pytest.raises(heli.LawError, match="Law: cannot be sent to workers"):
+        heli.campaign(seeds=[1], scenario="attitude", law=law, workers=1, quiet=True)
+
+
+def test_a_campaign_is_drawn_beside_its_bounds_and_written(tmp_path):
+    table = heli.campaign(seeds="1..2", scenario="attitude", duration_s=8, quiet=True)
+    axes = [axis for axis in table.plot().axes if axis.get_visible()]
+    assert [axis.get_xlabel() for axis in axes] == ["roll error (deg)", "pitch error (deg)"]
+    truth, bound = axes[0].get_lines()[0], axes[0].get_lines()[-1]
+    assert sorted(table.column("max.roll (truth)")) == list(truth.get_xdata())
+    assert (
+        bound.get_xdata()[0]
+        == heli.fly("attitude", duration_s=8, seed=1, quiet=True).metrics["roll"].paper
+    )
+    assert pyarrow.csv.read_csv(table.write(tmp_path / "rows.csv")).num_rows == 2
+    assert table[:1].plot().axes
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_flight_is_written_as_a_table(tmp_path, ending):
+    flight = heli.fly(duration_s=2, quiet=True)
+    path = flight.write(tmp_path / f"flight.{ending}")
+    read = pyarrow.csv.read_csv if ending == "csv" else pyarrow.parquet.read_table
+    table = read(path)
+    assert table.column_names == list(flight.columns())
+    for name, values in flight.columns().items():
+        assert np.array_equal(table[name].to_numpy(), values, equal_nan=True)
+    for bad in ("flight.xls", "none/flight.csv"):
+        with pytest.raises(heli.ParameterError, match="path"):
+            flight.write(tmp_path / bad)

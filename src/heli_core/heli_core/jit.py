@@ -16,7 +16,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -469,6 +469,34 @@ referred: Any = (lambda numbers: numbers) if config.DISABLE_JIT else intrinsic(_
 
 Its numbers lie in the frame of the kernel that asks, so it must not be returned, nor kept.
 """
+
+
+def _at_address(_context, like, address):  # type: ignore[no-untyped-def]
+    if not isinstance(like, ByReference):
+        return None
+
+    def code(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.inttoptr(arguments[1], cgutils.voidptr_t)
+
+    return like(like, address), code
+
+
+at_address: Any = intrinsic(_at_address)
+"""The tuple of `like`'s type whose block is at an address, of `addresses_of`: one call for many."""
+
+
+def addresses_of(several: Iterable[Any]) -> np.ndarray:
+    """Addresses (N,) of tuples of one `by_reference` type, valid as long as these live.
+
+    Raises
+    ------
+    TypeError
+        They are of several types.
+    """
+    several = list(several)
+    if len({typeof(numbers) for numbers in several}) > 1:
+        raise TypeError("tuples of several types have no kernel in common")
+    return np.array([getattr(numbers, _ADDRESS) for numbers in several], np.int64)
 
 
 def _kind_referred(kind: Any) -> Any:

@@ -41,6 +41,23 @@ def types() -> tuple[str, ...]:
     return (HELION, *sorted(path.stem for path in designs))
 
 
+def design_file(aircraft: str | None) -> list[Path]:
+    """The parameter file of a packaged aircraft with its design; none for the packaged values.
+
+    Raises
+    ------
+    ParameterError
+        There is no such one.
+    """
+    if aircraft is None or aircraft == HELION:
+        return []
+    if aircraft not in types():
+        raise ParameterError(
+            f"aircraft {aircraft!r}: unknown; known: {', '.join(types())}; another one by params"
+        )
+    return [config_folder("heli_flight") / "designs" / f"{aircraft}.yaml"]
+
+
 def table() -> tuple[Parameter, ...]:
     """What may be said of an aircraft."""
     return (
@@ -145,6 +162,6 @@ def _aircraft(
         problem = f"{own} is not a file"
         raise ParameterError(problem, ParameterCause.UNREADABLE, where=where, key="params_file")
     kind = values.get("type", HELION)
-    design = None if kind == HELION else config_folder("heli_flight") / "designs" / f"{kind}.yaml"
+    design = next(iter(design_file(kind)), None)
     place, heading, seed = (values.get(key) for key in ("pos_ned_m", "heading_deg", "seed"))
     return FleetAircraft(namespace, design, own, place, heading, seed)

@@ -62,7 +62,7 @@ COMPILES = (
 )
 
 
-def tell_if_it_compiles(say: Console, own_laws: bool = False) -> None:
+def tell_if_it_compiles(say: Console, own_laws: bool = False, kernel: Any = None) -> None:
     """Say so if a flight in this process would compile the loop.
 
     Parameters
@@ -70,10 +70,12 @@ def tell_if_it_compiles(say: Console, own_laws: bool = False) -> None:
     say : Console
     own_laws : bool
         Whether laws in Python fly: the parts of a tick are then compiled one by one.
+    kernel : callable, optional
+        What flies, if it is another one.
     """
     from heli_flight.loop import act, fly_ticks
 
-    kernel: Any = act if own_laws else fly_ticks
+    kernel = kernel or (act if own_laws else fly_ticks)
     if not getattr(kernel, "signatures", True) and not is_compiled(kernel):
         say.print(COMPILES, highlight=False, soft_wrap=True, markup=False)
 

@@ -14,11 +14,13 @@ numbers. `fly` is all of them compiled into one; a part that is given as an obje
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from heli_core.errors import PartError
 from heli_core.inbox import NOTHING, Inbox, empty_inbox, put
 from heli_core.jit import (
     by_reference,
@@ -35,11 +37,12 @@ from heli_core.rotations import fill_R_nb
 from heli_core.rows import ACTUATOR, MEAS, NAV, NINE, PLANT, REFERENCE, SETPOINT, TRUTH
 from heli_core.signals import SweepParams, add_sweep
 from heli_core.ticks import Rate
-from heli_core.trajectory import Trajectory, reference_at
+from heli_core.trajectory import reference_at
 from heli_dynamics_sim import noise, plant, servo
 from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.wind import injected_gust
+from heli_flight.course import Course
 from heli_flight.parts import Parts
 from heli_flight.record import FlightRecord, FlightTrack, empty_track, record_of
 from heli_flight.settings import Settings, own_laws, refuse_own_laws, without_own
@@ -69,23 +72,15 @@ from heli_msgs_bridge.links import (
 from heli_observer import observer
 from heli_observer.layout import AID_PLACES, ObserverParams
 from heli_outer_pd import outer_loop
-from heli_outer_pd.failsafes import Action
-from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.manual_controller import manual_deflections
-from heli_outer_pd.modes import LANDING
 from heli_outer_pd.parameters import outer_params
-from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_health import answer
 from heli_outer_pd.python_controller import OwnPositionLaw
-from heli_outer_pd.reference import ReferenceLimits
-from heli_outer_pd.script import script_of
 from heli_outer_pd.state import MACHINE, MEMORY, OuterParams
 
 # -------------------------------------------------------------------------------------------------
 # What a flight is made of.
 # -------------------------------------------------------------------------------------------------
 
-_CHUNK_TICKS = 6000
 _N_HANDED = 4  # a collective, and behind it a pilot's deflections
 _IMU, _IMU2, *_, _FIX, _VELOCITY, _FLOWN = range(len(observer.INPUTS))
 _FIRST_AID = observer.AID_INPUTS.start
@@ -231,6 +226,13 @@ def estimate_navigation(loop, links, tick, u, truth):
 
 
 @njit
+def perceive(loop, links, tick, noise_row, u, truth):
+    """`sense`, then `estimate_navigation`: what is known before anything is commanded."""
+    sense(loop, tick, noise_row, truth)
+    estimate_navigation(loop, links, tick, u, truth)
+
+
+@njit
 def bring_navigation(loop, links, tick):
     """What the outer loop hears: the navigation row, and the rotor's speed."""
     y, nav, box, to = loop.rows.y, loop.rows.nav, loop.outer_in, _TO_OUTER
@@ -255,8 +257,14 @@ def guide(loop, links, tick, times_ns, points, setpoint):
 @njit
 def listen(loop, links, tick, setpoint):
     """The inner loop hears: `rows.x9` is where it is, `rows.aim` what it is to hold."""
+    hear(loop, links, tick, tick % loop.period_ticks == 0, setpoint)
+
+
+@njit
+def hear(loop, links, tick, due, setpoint):
+    """As `listen`, where the setpoint (4,) is sent at this tick only if it is `due`."""
     nav, box, to, rows = loop.rows.nav, loop.inner_in, _TO_INNER, loop.rows
-    came, due = math.isfinite(nav[NAV.quat][0]), tick % loop.period_ticks == 0
+    came = math.isfinite(nav[NAV.quat][0])
     sent = scratch(_N_HANDED)
     sent[0] = setpoint[SETPOINT.col]
     manual_deflections(loop.outer_s.law, sent[1:])
@@ -321,7 +329,7 @@ def act(loop, links, tick, u):
 
 
 @njit
-def _what_changes(state):
+def what_changes(state):
     """What ends a stretch of ticks when it changes, of what the outer loop knows."""
     machine, x = state.law.machine, state.law.x
     return machine[MACHINE.position], machine[MACHINE.rotor], int(x[MEMORY.gone])
@@ -332,16 +340,15 @@ def fly_ticks(loop, links, first_tick, n_ticks, noise_rows, times_ns, points, se
     """As `fly`, over the loop's links."""
     for i in range(n_ticks):
         tick = first_tick + i
-        before = _what_changes(loop.outer_s)
-        sense(loop, tick, noise_rows[i], track.truth[tick])
-        estimate_navigation(loop, links, tick, u, track.truth[tick])
+        before = what_changes(loop.outer_s)
+        perceive(loop, links, tick, noise_rows[i], u, track.truth[tick])
         guide(loop, links, tick, times_ns, points, setpoint)
         listen(loop, links, tick, setpoint)
         control(loop, tick)
         command_actuators(loop, tick, u)
         write(loop, tick, times_ns, points, setpoint, u, track)
         status = act(loop, links, tick, u)
-        if status != 0 or _what_changes(loop.outer_s) != before:
+        if status != 0 or what_changes(loop.outer_s) != before:
             return i + 1, status
     return n_ticks, 0
 
@@ -498,36 +505,32 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
     n = rate.of(settings.scenario.n_ticks)
     track = empty_track(n, _excited(loop))
     streams = noise.NoiseStreams(settings.seed)
-    reference = settings.scenario.reference
-    times_ns, points = reference.times_ns, reference.points.copy()
-    phases, scripted = _phases(loop, settings, Trajectory(0, times_ns, points))
-    setpoint = loop.outer_k.trim.copy()
-    setpoint[SETPOINT.psi] = reference.points[0, REFERENCE.psi]
-    u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
+    course = Course(loop.outer_k, loop.outer_s, settings, loop.period_ticks)
+    setpoint, u = first_commands(loop, settings)
     tick, status, rows = 0, 0, streams.rows(0)
-    acted = [(0, Action.NONE)]
     while tick < n and status == 0:
-        asked = scripted or phases.lost or phases.gone
-        count = min(_unasked(phases, tick, loop) if asked else _CHUNK_TICKS, n - tick)
+        count = min(course.unasked(tick), n - tick)
         rows = np.concatenate((rows, streams.rows(max(count - len(rows), 0))))
-        flown, status = ticks(loop, tick, count, rows[:count], times_ns, points, setpoint, u, track)
+        reference = course.times_ns, course.points
+        flown, status = ticks(loop, tick, count, rows[:count], *reference, setpoint, u, track)
         tick, rows = tick + flown, rows[flown:]
-        last = tick - 1
-        if (asked or phases.lost or phases.gone) and status == 0 and last % loop.period_ticks == 0:
-            went_on = phases.after(last * rate.tick_ns, loop.outer_s.nav, setpoint)
-            if went_on and phases.trajectory is not None:
-                times_ns, points = phases.trajectory.times_ns, phases.trajectory.points
-            scripted = scripted or phases.phase in LANDING
-        action = answer(phases.phase, loop.outer_s.law)
-        acted += [(last, action)] if action != acted[-1][1] else []
+        course.after(tick - 1, setpoint, status == 0)
         if progress is not None:
             progress(rate.seconds(tick))
     for before in range(_moved_at(loop)):
-        reference_at(before * rate.tick_ns, times_ns, points, track.reference[before])
+        at_ns, row = before * rate.tick_ns, track.reference[before]
+        reference_at(at_ns, course.times_ns, course.points, row)
     named = plant.PlantStatus(max(status, 0))
-    modes = _modes(phases, tick, rate) if scripted else None
-    record = replace(record_of(track, tick, rate), mode=modes, failsafe=_actions(acted, tick))
+    record = record_of(track, tick, rate)
+    record = replace(record, mode=course.modes(tick), failsafe=course.actions(tick))
     return LoopFlight(record, named, "" if status <= 0 else named.sentence)
+
+
+def first_commands(loop: AircraftInLoop, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
+    """Setpoint (4,) and actuators (4,) before the first tick: the trim, the scenario's heading."""
+    setpoint = loop.outer_k.trim.copy()
+    setpoint[SETPOINT.psi] = settings.scenario.reference.points[0, REFERENCE.psi]
+    return setpoint, np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
 
 
 def _moved_at(loop: AircraftInLoop) -> int:
@@ -535,47 +538,6 @@ def _moved_at(loop: AircraftInLoop) -> int:
     engagement, at = loop.outer_s.engagement, outer_loop.ENGAGEMENT
     moved = engagement[at.reference] == outer_loop.MOVED
     return max(int(engagement[at.tick]), 0) if moved else 0
-
-
-def _phases(loop: AircraftInLoop, settings: Settings, reference: Trajectory) -> tuple[Phases, bool]:
-    """Phases of a flight, and whether it has any but that it follows its reference throughout."""
-    p = settings.nodes["outer_loop"]
-    numbers, orders = PhaseNumbers.from_parameters(p), script_of(p)
-    fence, goto = ReferenceLimits.from_parameters(p), Goto.from_parameters(p)
-    phases = Phases(numbers, goto, loop.outer_k, loop.outer_s.law, fence, orders)
-    if not numbers.on_ground:
-        phases.follow(reference, 0)
-        phases.home_ned_m = reference.points[0, REFERENCE.pos].copy()
-    return phases, numbers.on_ground or bool(orders)
-
-
-def _modes(phases: Phases, n: int, rate: Rate) -> np.ndarray:
-    """Mode (n,) at each tick."""
-    modes = np.empty(n, "U10")
-    for began_ns, phase in phases.history:
-        modes[began_ns // rate.tick_ns :] = phase.mode
-    return modes
-
-
-def _actions(acted: list[tuple[int, Action]], n: int) -> np.ndarray | None:
-    """What the position loop did by itself (n,) at each tick; None for nothing throughout."""
-    if len(acted) == 1:
-        return None
-    actions = np.empty(n, "U14")
-    for tick, action in acted:
-        actions[tick:] = action.name
-    return actions
-
-
-def _unasked(phases: Phases, tick: int, loop: AircraftInLoop) -> int:
-    """Ticks to the next step of the law, that with it, after which something may follow."""
-    due, order_ns = tick, phases.next_order_ns()
-    if not phases.is_watched():
-        if order_ns is None:
-            return _CHUNK_TICKS
-        due = max(tick, -(-order_ns // loop.tick_ns))
-    step = -(-due // loop.period_ticks) * loop.period_ticks
-    return min(step + 1 - tick, _CHUNK_TICKS)
 
 
 def _excited(loop: AircraftInLoop) -> bool:
@@ -666,27 +628,66 @@ class TicksWithParts:
         track: FlightTrack,
     ) -> tuple[int, int]:
         """As `loop.fly`; GAVE_UP at the tick at which a part has failed."""
-        call, links, reference = self._calls, loop.links, (times_ns, points)
+        call, reference = self._calls, (times_ns, points)
         for i in range(n_ticks):
             tick = first_tick + i
             before = call["what_changes"](loop.outer_s)
-            self._sense(loop, tick, noise_rows[i], track.truth[tick])
-            self._estimate(loop, tick, u, track.truth[tick])
-            self._guide(loop, tick, times_ns, points, setpoint)
-            call["listen"](loop, links, tick, setpoint)
-            self._control(loop, tick)
-            call["command_actuators"](loop, tick, u)
+            self.perceive(loop, tick, noise_rows[i], u, track.truth[tick])
+            self.command(loop, tick, *reference, setpoint, u)
             call["write"](loop, tick, *reference, setpoint, u, track)
-            self.failure = self.failure or self._failure_of_laws()
-            if self.failure:
-                return i + 1, GAVE_UP
-            status = self._act(loop, tick, u)
+            status = self.act(loop, tick, u)
             if status != 0 or call["what_changes"](loop.outer_s) != before:
                 return i + 1, status
         return n_ticks, 0
 
-    def _failure_of_laws(self) -> str:
-        return next((law.failure for law in self._parts.controllers if law.failure), "")
+    def perceive(
+        self, loop: AircraftInLoop, tick: int, noise: np.ndarray, u: np.ndarray, truth: np.ndarray
+    ) -> None:
+        """As `loop.perceive`."""
+        self._sense(loop, tick, noise, truth)
+        self._estimate(loop, tick, u, truth)
+
+    def command(
+        self,
+        loop: AircraftInLoop,
+        tick: int,
+        times_ns: np.ndarray,
+        points: np.ndarray,
+        setpoint: np.ndarray,
+        u: np.ndarray,
+    ) -> None:
+        """As `loop.guide`, `listen`, `control` and `command_actuators`, one after the other."""
+        self.guide(loop, tick, times_ns, points, setpoint)
+        self._calls["listen"](loop, loop.links, tick, setpoint)
+        self.control(loop, tick)
+        self._calls["command_actuators"](loop, tick, u)
+
+    def memory(self) -> Any:
+        """What the objects remember, as a copy.
+
+        Raises
+        ------
+        PartError
+            One of them cannot be copied.
+        """
+        try:
+            parts = [deepcopy(vars(part)) for _, part in self._parts.named()]
+            return parts, deepcopy((self._inner, self._outer, self._readings))
+        except Exception as error:
+            raise PartError(
+                f"parts: what they remember cannot be copied: {in_one_line(error)}"
+            ) from error
+
+    def remember(self, memory: Any, failure: str) -> None:
+        """Go on from what `memory` gave, and from a failure or none."""
+        parts, rest = memory
+        for (_, part), values in zip(self._parts.named(), parts, strict=True):
+            vars(part).clear()
+            vars(part).update(deepcopy(values))
+        self._inner, self._outer, self._readings = deepcopy(rest)
+        controllers = [own.law for own in (self._inner, self._outer) if own.law is not None]
+        self._parts = replace(self._parts, controllers=controllers)
+        self.failure = failure
 
     def _ask(self, name: str, part: Any, method: str, tick: int, *arguments: Any) -> Any:
         """What a part answers; what it raises becomes the flight's sentence."""
@@ -767,7 +768,7 @@ class TicksWithParts:
         if nav is not None:
             rows.nav[:] = nav
 
-    def _guide(
+    def guide(
         self,
         loop: AircraftInLoop,
         tick: int,
@@ -775,18 +776,25 @@ class TicksWithParts:
         points: np.ndarray,
         setpoint: np.ndarray,
     ) -> None:
+        """As `loop.guide`."""
         call, box, k, reference = self._calls, loop.outer_in, loop.outer_k, (times_ns, points)
         call["bring_navigation"](loop, loop.links, tick)
         inputs = box, tick, loop.period_ticks, tick * loop.tick_ns, *reference, k, setpoint
         self._outer.step(loop.outer_s, *inputs, call["outer_step"])
 
-    def _control(self, loop: AircraftInLoop, tick: int) -> None:
+    def control(self, loop: AircraftInLoop, tick: int) -> None:
+        """As `loop.control`."""
         aim, rows, command = loop.rows.aim, loop.rows, estimate.COMMAND
         arguments = rows.x9, aim[command.attitude], aim[command.col], aim[command.manual]
         numbers = loop.inner_k, loop.inner_s, rows.u3
         self._inner.step(tick, tick * loop.tick_s, *arguments, *numbers, self._calls["law"])
 
-    def _act(self, loop: AircraftInLoop, tick: int, u: np.ndarray) -> int:
+    def act(self, loop: AircraftInLoop, tick: int, u: np.ndarray) -> int:
+        """As `loop.act`; GAVE_UP where a part has failed."""
+        controllers = self._parts.controllers
+        self.failure = self.failure or next((law.failure for law in controllers if law.failure), "")
+        if self.failure:
+            return GAVE_UP
         if self._parts.plant is None:
             return int(self._calls["act"](loop, loop.links, tick, u))
         self._ask("plant", self._parts.plant, "step", tick, tick, u.copy())
@@ -809,6 +817,6 @@ def _compiled(loop: AircraftInLoop) -> dict[str, Callable[..., Any]]:
         "command_actuators": (command_actuators, loop, 0, four),
         "write": (write, loop, 0, *reference, four, four, empty_track(1, _excited(loop))),
         "act": (act, loop, links, 0, four),
-        "what_changes": (_what_changes, loop.outer_s),
+        "what_changes": (what_changes, loop.outer_s),
     }
     return {name: direct(*call) for name, call in calls.items()}

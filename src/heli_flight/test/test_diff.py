@@ -85,8 +85,9 @@ def test_page_overlays_the_flights_and_loads_nothing(flights, tmp_path, capsys):
     data = re.search(r'id="charts">(.*?)</script>', text, re.DOTALL)
     drawn = json.loads(data[1])["figures"]
     keys = [chart["key"] for chart in drawn]
-    assert keys == ["position_truth", "position_navigation", "altitude", "attitude",
-                    "attitude_error", "actuators"]  # fmt: skip
+    # What the flights are about comes first.
+    assert keys == ["attitude_error", "attitude", "actuators", "altitude",
+                    "position_navigation", "position_truth"]  # fmt: skip
     for chart in drawn:
         names = [trace["name"] for trace in chart["data"] if trace.get("showlegend", True)]
         assert names[:2] == ["before", "after"], chart["key"]

@@ -146,6 +146,26 @@ def _fly_by_hand(x9, r3, manual3, k, state, u3):
 
 
 @njit
+def stand_by(x9, r3, u3, state):
+    """One tick at which others command the actuators u3 (3,), absolute: the law goes on from them.
+
+    Parameters
+    ----------
+    x9, r3, state
+        As of `attitude_law`.
+    """
+    for i in range(MEMORY, N_LAW_STATE):
+        state[i] = 0.0
+    for i in range(3):
+        state[OFFSET + i], state[INTEGRAL + i] = 0.0, 0.0
+        state[LAST_U + i] = u3[i]
+    state[RELAXED] = _HANDED
+    if all_finite(x9) and all_finite(r3):
+        save_state(x9, r3, state)
+        state[RUN] = 1.0
+
+
+@njit
 def law_or_manual(x9, r3, collective, manual3, k, state, u3):
     """One tick of `law_of_tick`, or of a pilot's hand.
 

@@ -338,6 +338,21 @@ class Phases:
             self._orders.sticks.cruise = None
         return refused
 
+    def resume(self, now_ns: int, nav: Array) -> None:
+        """Others have flown until now: halt from how the aircraft moves; one that stands stays."""
+        if not flyable(nav) or self.trajectory is None:
+            return
+        if self.phase.on_ground and self._is_low(nav):
+            return
+        before, ground = self.sticks.leave(Phase.MANUAL, self._at(now_ns, nav)), self.ground_down_m
+        if self.lost:
+            self.trajectory = self.goto.halt(before, now_ns)
+        else:
+            halt = self.numbers.fence.halt
+            self.trajectory = halt(self.goto, before, now_ns, self.home_ned_m, ground)
+        self.sticks.hand_over(FLIES)
+        self._now(Phase.HOVER, Command.HOLD, now_ns)
+
     def take_off(self, height_m: float, now_ns: int, nav: Array) -> Refusal | None:
         """Take off to a height of its own above where it stands, m.
 

@@ -180,6 +180,63 @@ def compare_robustness(
 
 
 @compare.command(
+    "controller",
+    epilog="\b\nexample:\n  heli compare controller examples/my_law.py:MyLaw --seeds 1..20",
+)
+def compare_controller(
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LAW...",
+            help="laws of your own in Python, MODULE:NAME or FILE.py:NAME, whose code runs; or "
+            "packaged control presets",
+        ),
+    ],
+    seeds: Seeds = "1..20",
+    scenario: ScenarioName = "attitude",
+    gps: Gps = None,
+    world: World = None,
+    duration: Duration = None,
+    params: Params = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="processes of this machine (default: its cores; 0: this one)",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Fly laws of your own against the packaged ones, on the same seeds."""
+    from functools import partial
+
+    from heli_flight.fly import FlightOrder, tell_if_it_compiles
+    from heli_flight.terminal import console, json_text, steps
+    from heli_studies import compare_own as study
+    from heli_studies.campaign.run import parse_seeds
+
+    numbers = parse_seeds(seeds)
+    order = partial(
+        FlightOrder, gps=gps, world=world, duration_s=duration, params=params or [], seed=None
+    )
+    laws = study.rivals(names, scenario or "attitude", order)
+    cores = len(os.sched_getaffinity(0))
+    start, total = time.monotonic(), len(laws) * len(numbers)
+    for own in {rival.own for rival in laws}:
+        tell_if_it_compiles(console(stderr=True), own)
+    many = min(cores if workers is None else workers, total)
+    with steps("flights", total) as progress:
+        flown = study.compare_own(laws, numbers, many, progress)
+    if as_json:
+        print(json_text(study.as_dict(laws, flown)), end="")
+        return 0
+    study.print_own(laws, flown, console())
+    console().print(f"{total} flights in {time.monotonic() - start:.1f} s")
+    return 0
+
+
+@compare.command(
     "worlds",
     cls=CommandWithRenamed,
     epilog="\b\nexample:\n  heli compare worlds --seeds 1..20\n"

@@ -579,7 +579,7 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
         paper = f"+-{PAPER_DEG[law.key]:g}" if law.key in PAPER_DEG else ""
         rows.add_row(law.name, *cells, paper)
     out.print(rows)
-    out.print(_without_seed(conditions(result.settings)))
+    out.print(without_seed(conditions(result.settings)))
     if result.flap_back:
         settled = result.flap_back_radpmps
         out.print(f"the rotor flaps back by {settled:.2g} rad s/m in hover, which no law knows")
@@ -588,7 +588,8 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
             out.print(f"LOST: {flight.law}, seed {flight.seed}: {flight.lost}")
 
 
-def _without_seed(text: str) -> str:
+def without_seed(text: str) -> str:
+    """Conditions of a flight without the seed, for a comparison over several."""
     first, _, rest = text.partition("; seed")
     return first + "\n" + rest.partition("\n")[2]
 

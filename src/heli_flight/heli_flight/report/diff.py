@@ -378,13 +378,27 @@ _ON_PATH = {"position": ("distance", "m"), "heading": ("heading error", "°")}
 
 
 def charts(flights: Sequence[Named]) -> list[Chart]:
-    """Position error, altitude, attitude and its error, actuators; those that have data."""
-    kinds = {named.flight.settings.scenario.kind for named in flights}
-    path = kinds == {PATH}
-    drawn = [_position(flights, source, path) for source in (TRUTH, NAVIGATION)]
-    drawn += [_altitude(flights), _attitude(flights), _attitude_error(flights)]
-    drawn.append(_actuators(flights))
+    """Position error, altitude, attitude and its error, actuators; those that have data.
+
+    What the flights are about comes first: of attitude tests, which hold no position, the attitude.
+    """
+    path = _kinds(flights) == {PATH}
+    place = [_position(flights, source, path) for source in (TRUTH, NAVIGATION)]
+    place.append(_altitude(flights))
+    attitude, actuators = [_attitude(flights), _attitude_error(flights)], [_actuators(flights)]
+    if _about_attitude(flights):
+        drawn = [*reversed(attitude), *actuators, *reversed(place)]
+    else:
+        drawn = [*place, *attitude, *actuators]
     return [chart for chart in drawn if chart.has_data]
+
+
+def _kinds(flights: Sequence[Named]) -> set[str]:
+    return {named.flight.settings.scenario.kind for named in flights}
+
+
+def _about_attitude(flights: Sequence[Named]) -> bool:
+    return _kinds(flights) == {"attitude"}
 
 
 def _overlaid(
@@ -497,7 +511,7 @@ def render(comparison: FlightDiff) -> str:
         charts(comparison.flights),
         bands_beside({named.name: named.flight.bands for named in comparison.flights}),
     )
-    sections = {chart.section for chart in drawn} | {"parameters", "metrics", "read"}
+    sections = ["parameters", "metrics", *dict.fromkeys(chart.section for chart in drawn), "read"]
     names = " and ".join((", ".join(comparison.names[:-1]), comparison.names[-1]))
     head = PageHeader(
         kind="Flights compared · simulation",
@@ -505,7 +519,7 @@ def render(comparison: FlightDiff) -> str:
         heading=names,
         verdicts=[_verdict(named) for named in comparison.flights],
         facts=[(named.name, _fact(named)) for named in comparison.flights],
-        links={key: title for key, title in _TITLES.items() if key in sections},
+        links={key: _TITLES[key] for key in sections},
         files=False,
     )
     return filled(
