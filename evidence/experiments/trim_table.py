@@ -80,22 +80,19 @@ def trim_table(results: Results) -> str:
     """Table 1, entry by entry."""
     record = results["trim_table"]
     rows = [
-        [
-            name,
-            f"{record['paper'][name]:.4f}",
-            f"{ours:.4f}",
-            f"{ours - record['paper'][name]:+.4f}",
-        ]
-        for name, ours in record["ours"].items()
+        [name, f"{theirs:.4f}", f"{ours:.4f}", f"{ours - theirs:+.4f}"]
+        for (name, ours), theirs in zip(
+            record["ours"].items(), record["paper"].values(), strict=True
+        )
     ]
     tail, lever = record["tail_over_weight"], record["lever_m"]
     return (
-        f"{grid(['', 'the paper, Table 1', 'ours', 'difference'], rows)}\n\nAngles in rad, actuators "
-        "as shares of their travel; all else is 0 in both. phi + b_s is the tail rotor's thrust over "
-        f"the weight: {tail['paper']:.4f} there, {tail['ours']:.4f} here. So its main rotor takes "
-        f"{np.round(100 * record['torque_share']):.0f} % of our torque for each newton of weight and "
-        f"metre of the tail's lever: at our torque a lever of {lever['paper']:.2f} m in the place of "
-        f"{lever['ours']:.2f} m. The paper gives neither mass nor lever nor torque."
+        f"{grid(['', 'the paper, Table 1', 'ours', 'difference'], rows)}\n\nAngles in rad, "
+        "actuators as shares of their travel; all else is 0 in both. phi + b_s is the tail rotor's "
+        f"thrust over the weight: {tail['paper']:.4f} there, {tail['ours']:.4f} here, "
+        f"{np.round(100 * record['torque_share']):.0f} % of it. So that aircraft has less torque "
+        "for its weight or a longer tail: at our torque and weight a lever of "
+        f"{lever['paper']:.2f} m in the place of {lever['ours']:.2f} m."
     )
 
 
