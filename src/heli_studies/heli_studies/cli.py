@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What studies add to the command `heli`: compare, campaign, design, identify, robust, score.
+"""What studies add to the command `heli`: compare, campaign, design, identify, log, robust, score.
 
 Each command imports what it needs when it runs.
 """
@@ -1027,6 +1027,70 @@ def robust(
     return answer(prove.as_dict(proof), as_json, partial(prove.print_proof, proof), written)
 
 
+# -------------------------------------------------------------------------------------------------
+# `heli log`: logs of others.
+# -------------------------------------------------------------------------------------------------
+
+logs = typer.Typer(
+    help="Look into a flight log of others: ArduPilot, PX4, CSV, MATLAB, ROS 2 bags.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    epilog="\b\nexample:\n  heli log info 00000012.BIN --plot log.png",
+)
+
+LOG_EPILOG = (
+    "\b\nexample:\n  heli log info 00000012.BIN --plot log.png\n"
+    "  heli log info flight.csv --map columns.yaml --json\n"
+    "  heli log info rosbag2_2026_11_21 --map topics.yaml\n\n"
+    "exit code: 0 read, whatever can be identified from it, 2 bad input (one line)"
+)
+
+
+@logs.command("info", epilog=LOG_EPILOG)
+def log_info(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG", help=".bin (ArduPilot), .ulg (PX4), .csv, .mat, rosbag2, a flight"
+        ),
+    ],
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="YAML file: which column is which signal, its unit and sign; for .csv, .mat and "
+            "bags of others",
+        ),
+    ] = None,
+    start: Annotated[
+        float | None, typer.Option(metavar="S", help="judge from here on, since the first row")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option(metavar="S", help="judge up to here, since the first row")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="picture to write: .png, .svg or .pdf")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Show what a log holds, what was excited, and what can be identified from it."""
+    from heli_flight.terminal import answer
+    from heli_studies.logs.info import cropped, info_of
+    from heli_studies.logs.read import read_log
+    from heli_studies.logs.show import draw_info, print_info
+
+    if plot is not None:
+        from heli_studies.handling import check_picture
+
+        check_picture(plot)
+    info = info_of(cropped(read_log(log, columns), start, end))
+    if plot is not None:
+        draw_info(info, plot)
+    written = f"written: {plot}" if plot else ""
+    return answer(info.as_dict(), as_json, partial(print_info, info), written)
+
+
 def add_to(app: typer.Typer) -> None:
     """Give the command `heli` what studies bring."""
     app.add_typer(compare, name="compare")
@@ -1038,3 +1102,4 @@ def add_to(app: typer.Typer) -> None:
     app.command(epilog=IDENTIFY_EPILOG)(identify)
     app.command(cls=CommandWithRenamed, epilog=ROBUST_EPILOG)(robust)
     app.command(epilog=SCORE_EPILOG)(score)
+    app.add_typer(logs, name="log")
