@@ -12,14 +12,18 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 from scipy.signal import chirp, cont2discrete, lfilter
 
+from heli_analysis.identification.model import values_of
 from heli_bags.tools import LogTopic, ulog
 from heli_core.foreign_files import FileError
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_flight.cli import app as cli
+from heli_studies.logs.fit import fit_log
 from heli_studies.logs.info import Cause, LogVerdict, Part, cropped, info_of
 from heli_studies.logs.maps import read_map
 from heli_studies.logs.read import read_log
 from heli_studies.logs.signals import LogCause, LogError
 from support.dataflash import MESSAGES, log, message, times_us
+from support.identification_flights import Flight, fly, true_model
 
 RATE, RUN_S = 100.0, 40.0
 GAIN, LAG, DELAY = (2.0, 1.5, 2.5), (8.0, 6.0, 4.0), 3
@@ -149,6 +153,64 @@ def test_the_command_prints_facts_and_a_picture(dataflash, tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "SIDD.Gx" in shown
     assert "d_ped" in shown
+
+
+def test_axes_are_identified_with_gain_pole_delay_and_feedforward(dataflash, tmp_path, capsys):
+    words = ["log", "identify", str(dataflash), "--out", str(tmp_path / "m"), "--json"]
+    assert cli.main(words) == 0
+    said = json.loads(capsys.readouterr().out)
+    for axis, gain, pole, name in zip(said["axes"], GAIN, LAG, ("RLL", "PIT", "YAW"), strict=False):
+        model = axis["model"]
+        assert model["order"] == 1
+        sign = -1.0 if name == "YAW" else 1.0  # our pedal is positive for nose left
+        assert model["gain"] == pytest.approx(sign * gain / pole, rel=0.03)
+        assert model["pole_radps"] == pytest.approx(pole, rel=0.05)
+        assert model["delay_s"] == pytest.approx((DELAY + 0.5) / RATE, abs=3e-3)  # and the hold
+        assert axis["parameter"] == f"ATC_RAT_{name}_FF"
+        assert axis["feedforward"] == pytest.approx(pole / gain, rel=0.03)
+    assert said["axes"][3]["model"] is None
+    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == [
+        "bode.png", "model.json", "responses.csv",
+    ]  # fmt: skip
+    first = (tmp_path / "m" / "responses.csv").read_text().splitlines()[1].split(",")
+    assert first[:2] == ["p", "d_lat"]
+    assert cli.main(words) == 2, "the folder is there"
+
+
+@pytest.mark.slow
+def test_a_helicopter_in_a_dataflash_log_gives_eq_10(tmp_path):
+    """The linear helicopter of the identification's tests, in a loop, in turbulence, swept."""
+    run_s, quiet_s = 90.0, 20.0
+    flight = fly(
+        Flight(seed=3, chirps_s=run_s, period_s=4 * run_s, periods=1, settle_s=quiet_s,
+               u_amplitude=(0.05, 0.05, 0.08, 0.08))
+    )  # fmt: skip
+    n, p = flight.u.shape[0], np.degrees(flight.rate_body_radps)
+    time = times_us(n, RATE)
+    R_nb = [quat_to_R_nb(quat_from_euler(*row)) for row in flight.attitude_rad]
+    speed = np.einsum("nij,nj->ni", np.array(R_nb), flight.vel_body_mps)
+    angles, u = np.degrees(flight.attitude_rad), flight.u
+    runs = time[round(quiet_s * RATE) :: round(run_s * RATE)][:4]
+    tables = {
+        "SIDS": {"TimeUS": runs, "Ax": [10, 11, 12, 13], "TR": [run_s] * 4},
+        "SIDD": {"TimeUS": time, "Targ": flight.excitation_u.sum(axis=1) * 1.0, "Gx": p[:, 0],
+                 "Gy": p[:, 1], "Gz": p[:, 2]},
+        "RATE": {"TimeUS": time, "ROut": u[:, 0], "POut": u[:, 1], "YOut": -u[:, 2],
+                 "AOut": u[:, 3]},
+        "ATT": {"TimeUS": time, "Roll": angles[:, 0], "Pitch": angles[:, 1],
+                "Yaw": np.mod(angles[:, 2], 360.0)},
+        "XKF1": {"TimeUS": time, "VN": speed[:, 0], "VE": speed[:, 1], "VD": speed[:, 2]},
+    }  # fmt: skip
+    path = tmp_path / "swept.bin"
+    path.write_bytes(log(tables))
+    fitted = fit_log(info_of(read_log(path)))
+    assert fitted.hover is not None, fitted.refused
+    values = dict(zip(fitted.hover.estimate.names, fitted.hover.estimate.values, strict=True))
+    names = [n for n in values if n.startswith("B(")] + ["A(p,b_s)", "A(q,a_s)", "A(r,r)"]
+    for name, true in zip(names, values_of(names, true_model()), strict=True):
+        if abs(true) > 0.1:
+            assert values[name] == pytest.approx(true, rel=0.05), name
+    assert fitted.hover.delay_ticks == 1
 
 
 def test_what_was_not_flown_is_not_identified(dataflash):

@@ -1046,29 +1046,35 @@ LOG_EPILOG = (
 )
 
 
+Log = Annotated[
+    Path,
+    typer.Argument(
+        metavar="LOG", help=".bin (ArduPilot), .ulg (PX4), .csv, .mat, rosbag2, a flight"
+    ),
+]
+LogColumns = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="FILE",
+        help="YAML file: which column is which signal, its unit and sign; for .csv, .mat and "
+        "bags of others",
+    ),
+]
+LogStart = Annotated[
+    float | None, typer.Option("--start", metavar="S", help="from here on, since the first row")
+]
+LogEnd = Annotated[
+    float | None, typer.Option("--end", metavar="S", help="up to here, since the first row")
+]
+
+
 @logs.command("info", epilog=LOG_EPILOG)
 def log_info(
-    log: Annotated[
-        Path,
-        typer.Argument(
-            metavar="LOG", help=".bin (ArduPilot), .ulg (PX4), .csv, .mat, rosbag2, a flight"
-        ),
-    ],
-    columns: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="YAML file: which column is which signal, its unit and sign; for .csv, .mat and "
-            "bags of others",
-        ),
-    ] = None,
-    start: Annotated[
-        float | None, typer.Option(metavar="S", help="judge from here on, since the first row")
-    ] = None,
-    end: Annotated[
-        float | None, typer.Option(metavar="S", help="judge up to here, since the first row")
-    ] = None,
+    log: Log,
+    columns: LogColumns = None,
+    start: LogStart = None,
+    end: LogEnd = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="picture to write: .png, .svg or .pdf")
     ] = None,
@@ -1089,6 +1095,44 @@ def log_info(
         draw_info(info, plot)
     written = f"written: {plot}" if plot else ""
     return answer(info.as_dict(), as_json, partial(print_info, info), written)
+
+
+@logs.command(
+    "identify",
+    epilog="\b\nexample:\n  heli log identify 00000012.BIN --out model\n\n"
+    "exit code: 0 read, whatever was identified (the JSON names what was not and why), 2 bad "
+    "input (one line)",
+)
+def log_identify(
+    log: Log,
+    columns: LogColumns = None,
+    start: LogStart = None,
+    end: LogEnd = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="folder for model.json, responses.csv, bode.png; must not exist"
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Identify each axis from a log: gain, pole, delay, feed-forward; A and B where it allows."""
+    # The matrices are small: threads of the linear algebra only cost time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_flight.terminal import answer, being_filled, json_text, refuse_existing
+    from heli_studies.logs.fit import draw_fit, fit_log, print_fit, responses_csv
+    from heli_studies.logs.info import cropped, info_of
+    from heli_studies.logs.read import read_log
+
+    refuse_existing(out)
+    fitted = fit_log(info_of(cropped(read_log(log, columns), start, end)))
+    if out is not None:
+        with being_filled(out):
+            write_whole(out / "model.json", json_text(fitted.as_dict()))
+            write_whole(out / "responses.csv", responses_csv(fitted.info))
+            draw_fit(fitted, out / "bode.png")
+    written = f"written: {out}" if out else ""
+    return answer(fitted.as_dict(), as_json, partial(print_fit, fitted), written)
 
 
 def add_to(app: typer.Typer) -> None:

@@ -271,9 +271,9 @@ class Grid:
     columns: dict[str, Array]
 
 
-def on_grid(signals: Sequence[LoggedSignal]) -> Grid:
-    """Signals at the rate of the slowest, filtered before they are thinned."""
-    rate = min(_MOST_RATE_HZ, *(s.rate_hz for s in signals))
+def on_grid(signals: Sequence[LoggedSignal], rate_hz: float = 0.0) -> Grid:
+    """Signals at one rate, 0: that of the slowest, filtered before they are thinned."""
+    rate = rate_hz or min(_MOST_RATE_HZ, *(s.rate_hz for s in signals))
     start = max(float(s.time_s[0]) for s in signals)
     stop = min(float(s.time_s[-1]) for s in signals)
     time_s = np.arange(start, max(stop, start) + 1e-9, 1.0 / rate)
