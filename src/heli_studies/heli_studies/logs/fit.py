@@ -191,7 +191,7 @@ def print_fit(fitted: FittedLog, out: Console) -> None:
     shown = table(
         "Each axis: gain e^(-s delay) over 1 + s/pole, or of second order; two sigma", out
     )
-    for name in ("answer", "order", "gain, per s", "pole, rad/s", "delay, ms", "misfit", "FF"):
+    for name in ("answer", "order", "gain, rad/s", "pole, rad/s", "delay, ms", "misfit", "FF"):
         shown.add_column(name, justify="left" if name == "answer" else "right")
     for axis in fitted.axes:
         name, m = f"{axis.output} from {axis.input}", axis.model
@@ -242,6 +242,8 @@ def draw_fit(fitted: FittedLog, path: Path) -> None:
     axes = [a for a in fitted.axes if a.model is not None]
     if found is None or not axes:
         return
+    from matplotlib.ticker import NullFormatter
+
     with picture(path, 2, len(axes), (4.0 * len(axes), 5.0), sharex="col") as (figure, grid):
         for column, axis in enumerate(axes):
             k, m = (fitted.info.outputs.index(axis.output), fitted.info.columns.index(axis.input))
@@ -257,6 +259,9 @@ def draw_fit(fitted: FittedLog, path: Path) -> None:
             turn = np.degrees(np.unwrap(np.angle(model)))
             turn += 360.0 * np.round((np.degrees(np.angle(value))[:1] - turn[:1]) / 360.0)
             phase.semilogx(hertz, turn, color=RED)
+            for ax in (gain, phase):
+                ax.xaxis.set_major_formatter("{x:g}")
+                ax.xaxis.set_minor_formatter(NullFormatter())
             gain.set_title(f"{axis.output} from {axis.input}")
             phase.set_xlabel("frequency, Hz")
         grid[0, 0].set_ylabel("gain, dB")
