@@ -108,7 +108,8 @@ def vibration(results: Results) -> str:
         lines = ", ".join(f"{f:.1f}" for f in real["peaks_hz"])
         ours = [f"{found['ours'][world][k]['rms']:.4f}" for world in WORLDS]
         rows.append([name, f"{real['rms']:.4f}", lines, *ours])
-    return f"{grid(head, rows)}\n\nRms from 10 to 50 Hz, both sampled at 100 Hz: what is faster is folded into it."
+    note = "Rms from 10 to 50 Hz, all sampled at 100 Hz: what is faster is folded into it."
+    return f"{grid(head, rows)}\n\n{note}"
 
 
 if __name__ == "__main__":
