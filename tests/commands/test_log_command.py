@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 from scipy.signal import chirp, cont2discrete, lfilter
 
+from evidence import files
 from heli_analysis.identification.model import values_of
 from heli_bags.tools import LogTopic, ulog
 from heli_core.foreign_files import FileError
@@ -347,6 +348,29 @@ def test_a_table_is_read_by_its_map(flown, tmp_path, kind):
         np.testing.assert_allclose(read.signals[name].value, flown[column][:4000, 0], atol=1e-7)
     np.testing.assert_allclose(read.signals["q"].value, flown["rates"][:4000, 1], atol=1e-7)
     assert read.signals["p"].rate_hz == pytest.approx(RATE)
+
+
+EXAMPLES = files.checkout() / "examples" / "logs"
+
+
+def test_a_real_record_tells_by_its_kinematics_which_column_is_which(tmp_path):
+    real = EXAMPLES / "trex550.csv"
+    info = info_of(read_log(real, EXAMPLES / "trex550.yaml"))
+    assert {k.angle: 0.75 < k.scale < 0.9 for k in info.kinematics} == {"phi": True, "theta": True}
+    assert max(k.unexplained for k in info.kinematics) < 0.05
+    parts = {p.part: p for p in info.parts}
+    assert parts[Part.PITCH].verdict is LogVerdict.PARTLY
+    assert parts[Part.YAW].cause is Cause.LOW_COHERENCE
+    text = (EXAMPLES / "trex550.yaml").read_text()
+    for right, wrong in (
+        ("p: {column: p}", "p: {column: q}"),
+        ("q: {column: q}", "q: {column: p}"),
+    ):
+        assert right in text
+        text = text.replace(right, wrong)
+    (tmp_path / "wrong.yaml").write_text(text)
+    wrong_way = info_of(read_log(real, tmp_path / "wrong.yaml"))
+    assert min(k.unexplained for k in wrong_way.kinematics) > 0.5
 
 
 TOPICS = """\
