@@ -31,7 +31,9 @@ _MOST_RATE_HZ = 400.0
 _MOVES = 1e-3  # of an input's full travel of 1, standard deviation
 _TOGETHER = 0.9
 _ALL, _SOME = 4.0, 2.0  # highest over lowest usable frequency
-_OSCILLATES_HZ, _PEAKS, _PEAK = 10.0, 3, 6.0  # dB over what is around it
+_OSCILLATES_HZ, _PEAKS = 10.0, 3
+_AROUND_HZ, _APART_HZ = 8.0, 1.0
+_PEAK, _PIECES = 8.0, 8  # dB over what is around it; pieces that are averaged, so no chance peak
 _KINEMATIC_HZ = (0.15, 4.0)
 _LONGEST_LAG_S = 0.3
 
@@ -490,14 +492,17 @@ def vibration_of(signals: Any) -> tuple[Vibration, ...]:
             continue
         grid = on_grid([signals[name]])
         rate, x = 1.0 / grid.dt_s, grid.columns[name]
-        if x.size < 256:
+        if x.size < 1024:
             continue
-        hertz, power = filters.welch(x, rate, nperseg=min(x.size, 2048), detrend="linear")
+        size = min(x.size // _PIECES, 2048)
+        hertz, power = filters.welch(x, rate, nperseg=size, detrend="linear")
         high = hertz >= _OSCILLATES_HZ
         rms = float(np.sqrt(np.sum(power[high]) * (hertz[1] - hertz[0])))
         level = 10.0 * np.log10(np.maximum(power, 1e-300))
-        around = filters.medfilt(level, 2 * (max(level.size // 40, 3)) + 1)
-        tops, _ = filters.find_peaks(level - around, height=_PEAK)
+        step = float(hertz[1])
+        around = filters.medfilt(level, 2 * round(0.5 * _AROUND_HZ / step) + 1)
+        apart = max(1, round(_APART_HZ / step))
+        tops, _ = filters.find_peaks(level - around, height=_PEAK, distance=apart)
         tops = tops[high[tops]]
         strongest = tops[np.argsort(-power[tops], kind="stable")][:_PEAKS]
         found.append(Vibration(name, rms, 0.5 * rate, tuple(float(h) for h in hertz[strongest])))
@@ -522,7 +527,10 @@ def _parts(
     why = None if turning else Cause.TOO_SHORT if has_all else Cause.NO_OUTPUT
     found.insert(0, PartVerdict(Part.KINEMATICS, kinematic, why))
     measured = {"p", "q", "r", "ax", "ay", "az"} & set(signals)
-    cause = None if shaking else Cause.LOW_RATE if measured else Cause.NO_OUTPUT
+    often = [name for name in measured if signals[name].rate_hz >= 4.0 * _OSCILLATES_HZ]
+    cause = None
+    if not shaking:
+        cause = Cause.TOO_SHORT if often else Cause.LOW_RATE if measured else Cause.NO_OUTPUT
     found.append(PartVerdict(Part.VIBRATION, LogVerdict.YES if shaking else LogVerdict.NO, cause))
     found.append(PartVerdict(Part.GUSTS, LogVerdict.NO, Cause.NO_AIR))
     return tuple(found)
