@@ -3,6 +3,7 @@
 
 import json
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from scipy.signal import chirp, cont2discrete, lfilter
 from evidence import files
 from heli_analysis.identification.model import values_of
 from heli_bags.tools import LogTopic, ulog
-from heli_core.foreign_files import FileError
+from heli_core.foreign_files import FileCause, FileError
 from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_flight.cli import app as cli
 from heli_studies.logs.fit import fit_log
@@ -23,7 +24,7 @@ from heli_studies.logs.info import Cause, LogVerdict, Part, cropped, info_of
 from heli_studies.logs.maps import read_map
 from heli_studies.logs.read import read_log
 from heli_studies.logs.signals import LogCause, LogError
-from support.dataflash import MESSAGES, log, message, times_us
+from support.dataflash import MESSAGES, described, log, message, times_us
 from support.identification_flights import Flight, fly, true_model
 
 RATE, RUN_S = 100.0, 40.0
@@ -491,6 +492,21 @@ def test_a_large_or_endless_file_is_refused_before_it_is_read(tmp_path, monkeypa
     (tmp_path / "map.yaml").write_text(MAP.replace('"t, ms"', "t"))
     with pytest.raises(FileError, match="HELI_MEMORY_MB"):
         read_log(tmp_path / "zeros.mat", tmp_path / "map.yaml")
+
+
+def test_many_short_messages_or_lines_do_not_take_the_memory(tmp_path, monkeypatch):
+    """A message of four bytes, a line of two: a place in a list costs more than they do."""
+    short = described(50, "IMU", "b", "I") + message(50, "b", [1]) * 200_000
+    (tmp_path / "short.bin").write_bytes(short)
+    (tmp_path / "short.csv").write_bytes(b"t\n" + b"1\n" * 200_000)
+    (tmp_path / "map.yaml").write_text(MAP)
+    monkeypatch.setenv("HELI_MEMORY_MB", "4")
+    tracemalloc.start()
+    assert refusal(tmp_path / "short.bin") is LogCause.EMPTY
+    assert refusal(tmp_path / "short.csv", tmp_path / "map.yaml") is FileCause.TOO_LARGE
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 12e6
 
 
 @pytest.mark.parametrize("kind", ["bin", "ulg"])

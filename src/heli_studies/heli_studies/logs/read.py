@@ -9,6 +9,7 @@ import csv
 import io
 import re
 import struct
+from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -41,7 +42,8 @@ from heli_studies.logs.signals import (
 
 MOST_COLUMNS, MOST_ROWS = 1000, 20_000_000
 _MOST_NAMES, _LONGEST = 20, 120  # names, characters of a sentence of somebody else's
-_MOST_SWEEPS = 1000
+_MOST_SWEEPS, _AT_ONCE = 1000, 100_000
+_TEXT_BYTES = 60  # of Python for a line, or for a value of one
 _US = 1e-6
 
 
@@ -118,6 +120,15 @@ def read_log(path: Path, log_map: Path | None = None) -> FlightLog:
 def _listed(names: Iterable[str]) -> str:
     """The first names of some, for a sentence."""
     return printable(", ".join(islice(names, _MOST_NAMES)))
+
+
+def _rows_at(raw: np.ndarray, places: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
+    """The rows (N,) that begin at these places, a piece after the other: indices are large."""
+    rows = np.empty((places.size, dtype.itemsize), np.uint8)
+    for first in range(0, places.size, _AT_ONCE):
+        piece = slice(first, first + _AT_ONCE)
+        rows[piece] = raw[places[piece, None] + np.arange(dtype.itemsize)]
+    return rows.view(dtype)[:, 0]
 
 
 def _is_bag(path: Path) -> bool:
@@ -208,7 +219,7 @@ class _Format:
 def dataflash(content: bytes, path: Path) -> Tables:
     """Tables of a DataFlash log."""
     formats: dict[int, _Format] = {}
-    lengths, places = [0] * 256, [[] for _ in range(256)]  # type: tuple[list[int], list[list[int]]]
+    lengths, places = [0] * 256, [array("q") for _ in range(256)]
     lengths[_FMT] = _FMT_SIZE
     at, skipped, size = content.find(_HEAD), 0, len(content)
     if at < 0:
@@ -237,7 +248,7 @@ def dataflash(content: bytes, path: Path) -> Tables:
     tables = Tables("ArduPilot DataFlash", skipped_bytes=skipped, cut=at < size)
     for number, rows in enumerate(places):
         if rows:
-            _gather(tables, formats[number], np.array(rows, np.int64), raw, path)
+            _gather(tables, formats[number], np.frombuffer(rows, np.int64), raw, path)
     if not tables.columns:
         raise LogError(LogCause.EMPTY, f"{path}: describes {len(formats)} messages and holds none")
     return tables
@@ -261,7 +272,7 @@ def _format(message: bytes) -> tuple[int, _Format | None]:
 def _gather(tables: Tables, form: _Format, places: np.ndarray, raw: np.ndarray, path: Path) -> None:
     size = form.dtype.itemsize
     within_budget(places.size * size, f"{form.name}: messages", path)
-    rows = raw[places[:, None] + np.arange(size)].view(form.dtype)[:, 0]
+    rows = _rows_at(raw, places, form.dtype)
     numbers = [n for n in form.factors if rows[n].dtype.kind in "iuf" and rows[n].ndim == 1]
     if form.name == "SIDS" and set(_SIDS) <= set(numbers) and "TimeUS" in numbers:
         tables.sweeps = tuple(
@@ -276,7 +287,8 @@ def _gather(tables: Tables, form: _Format, places: np.ndarray, raw: np.ndarray, 
             rows = rows[rows[label] == rows[label][0]]
     columns: dict[str, np.ndarray] = {TIME: rows[clock] * (_US if clock == "TimeUS" else 1e-3)}
     for name in numbers:
-        columns[name] = rows[name] * form.factors[name]
+        factor = form.factors[name]
+        columns[name] = rows[name] if factor == 1.0 else rows[name] * factor
     tables.columns[form.name] = columns
 
 
@@ -304,7 +316,7 @@ def ulog(content: bytes, path: Path) -> Tables:
         raise LogError(LogCause.NOT_A_LOG, f"{path}: no ULog: it does not begin as one")
     described: dict[str, str] = {}
     topics: dict[int, tuple[str, int]] = {}
-    places: dict[int, list[int]] = {}
+    places: dict[int, array[int]] = {}
     tables = Tables("PX4 ULog")
     at, size, ends = _ULOG_HEAD, len(content), [len(content)]
     while at + 3 <= size:
@@ -323,7 +335,7 @@ def ulog(content: bytes, path: Path) -> Tables:
             topics[number] = content[start + 3 : end].decode("utf-8"), content[start]
         elif kind == b"D" and length >= 2:
             number = int.from_bytes(content[start : start + 2], "little")
-            places.setdefault(number, []).append(start + 2)
+            places.setdefault(number, array("q")).append(start + 2)
         elif kind == b"O" and length == 2:
             tables.dropped_s += int.from_bytes(content[start:end], "little") * 1e-3
         elif kind == b"B" and length == 40:
@@ -344,7 +356,7 @@ def ulog(content: bytes, path: Path) -> Tables:
         rows = places.get(number)
         if rows and name not in tables.columns:
             dtype = np.dtype(_fields(name, described, path))
-            _rows(tables, name, dtype, np.array(rows, np.int64), raw, path)
+            _rows(tables, name, dtype, np.frombuffer(rows, np.int64), raw, path)
     if not tables.columns:
         raise LogError(LogCause.EMPTY, f"{path}: a ULog without a row")
     return tables
@@ -386,7 +398,7 @@ def _rows(
         return
     places = places[places + size <= raw.size]
     within_budget(places.size * size, f"{printable(name)}: rows", path)
-    rows = raw[places[:, None] + np.arange(size)].view(dtype)[:, 0]
+    rows = _rows_at(raw, places, dtype)
     columns: dict[str, np.ndarray] = {TIME: rows["timestamp"] * _US}
     for label in dtype.names or ():
         if rows[label].dtype.kind in "iufb":
@@ -419,6 +431,7 @@ _MARKS = (";", "\t", ",", " ")
 def _of_csv(path: Path, mapped: LogMap) -> Tables:
     """Rows under a line of names, or without one: then columns are 0, 1, 2 ..."""
     content = read_bytes(path)
+    within_budget(_TEXT_BYTES * content.count(b"\n"), "lines", path)
     try:
         text = content.decode("utf-8-sig")
         lines = [line for line in text.splitlines() if line.strip()]
@@ -438,16 +451,23 @@ def _of_csv(path: Path, mapped: LogMap) -> Tables:
     used = [i for i, name in enumerate(names) if name in wanted]
     lines = lines[headed:]
     within_budget(8 * len(lines) * max(len(used), 1), "columns", path)
+    values = _values(lines, mark, used, path) if used else np.zeros((0, 0))
+    columns = {names[i]: values[:, k] for k, i in enumerate(used)}
+    return _mapped_table("CSV", columns, mapped, path, names)
+
+
+def _values(lines: Sequence[str], mark: str, used: Sequence[int], path: Path) -> Array:
+    """Columns (N, k) of a table; NaN where there is no number."""
     try:
-        values = np.genfromtxt(
-            io.StringIO("\n".join(lines)), delimiter=mark, usecols=used,
-            invalid_raise=True, ndmin=2, max_rows=MOST_ROWS,
-        ) if used else np.zeros((0, 0))  # fmt: skip
+        return np.loadtxt(lines, delimiter=mark, usecols=used, ndmin=2, max_rows=MOST_ROWS)
+    except ValueError:
+        # a hole, or a word: slower, and of more memory
+        within_budget(_TEXT_BYTES * len(lines) * len(used), "values", path)
+    try:
+        return np.genfromtxt(lines, delimiter=mark, usecols=used, ndmin=2, max_rows=MOST_ROWS)
     except ValueError as error:
         problem = shorten(str(error), _LONGEST)
         raise LogError(LogCause.DAMAGED, f"{path}: not a table: {problem}") from None
-    columns = {names[i]: values[:, k] for k, i in enumerate(used)}
-    return _mapped_table("CSV", columns, mapped, path, names)
 
 
 def _is_number(cell: str) -> bool:
