@@ -57,6 +57,8 @@ CALLS = {
     "robust": ["robust", "--params", "{ranges}", "--out", "{own}"],
     "score": ["score", "{long}", "--mte", "hover"],
     "bag info": ["bag", "info", "{flight}"],
+    "log info": ["log", "info", "{flight}"],
+    "log identify": ["log", "identify", "{flight}"],
     "bag echo": ["bag", "echo", "{flight}", "odom", "--count", "1"],
     "bag play": ["bag", "play", "{flight}", "--rate", "1000"],
     "bag csv": ["bag", "csv", "{flight}", "--out", "{own}"],

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import chirp
 
 from heli_analysis.identification.model import AIR, FAST, N_FAST, STATE, FastModel, full_matrices
 from heli_analysis.identification.spectra import WIND, Experiment
@@ -80,6 +81,7 @@ class Flight:
     gust_mps: tuple[float, ...] = (0.0, 0.0, 0.0)
     highest_hz: float = 9.0
     model: FastModel = field(default_factory=true_model)
+    chirps_s: float = 0.0  # each actuator in its turn, instead of periodic lines; 0: none
 
 
 def zippered_lines(period_s: float, lowest_hz: float, highest_hz: float, count: int, channels: int):
@@ -98,6 +100,18 @@ def multisine(lines, amplitude, period_s: float, n: int, seed: int):
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
     w = 2.0 * np.pi * lines / period_s
     return amplitude * np.sin(np.outer(t, w) + phase).sum(axis=1)
+
+
+def chirps(flight: Flight, n: int):
+    """(n, 4): a logarithmic chirp on each actuator in its turn, faded in and out."""
+    t = np.arange(round(flight.chirps_s / TICK_S)) * TICK_S
+    fade = np.clip(np.minimum(t, t[::-1]) / 3.0, 0.0, 1.0)
+    one = fade * chirp(t, 0.15, flight.chirps_s, flight.highest_hz, method="logarithmic", phi=-90.0)
+    excite, first = np.zeros((n, ACTUATOR.size)), round(flight.settle_s / TICK_S)
+    for i, amplitude in enumerate(flight.u_amplitude):
+        at = first + i * t.size
+        excite[at : at + t.size, i] = amplitude * one[: max(0, n - at)]
+    return excite
 
 
 def _law():
@@ -135,6 +149,8 @@ def fly(flight: Flight) -> Experiment:
         [multisine(k, a, flight.period_s, n, 10 + i)
          for i, (k, a) in enumerate(zip(lines, flight.u_amplitude, strict=True))]
     )  # fmt: skip
+    if flight.chirps_s:
+        excite = chirps(flight, n)
     gust = np.column_stack(
         [multisine(k, a, flight.period_s, n, 20 + i)
          for i, (k, a) in enumerate(zip(gust_lines, flight.gust_mps, strict=True))]

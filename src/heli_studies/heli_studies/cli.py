@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What studies add to the command `heli`: compare, campaign, design, identify, robust, score.
+"""What studies add to the command `heli`: compare, campaign, design, identify, log, robust, score.
 
 Each command imports what it needs when it runs.
 """
@@ -1084,6 +1084,114 @@ def robust(
     return answer(prove.as_dict(proof), as_json, partial(prove.print_proof, proof), written)
 
 
+# -------------------------------------------------------------------------------------------------
+# `heli log`: logs of others.
+# -------------------------------------------------------------------------------------------------
+
+logs = typer.Typer(
+    help="Look into a flight log of others: ArduPilot, PX4, CSV, MATLAB, ROS 2 bags.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    epilog="\b\nexample:\n  heli log info 00000012.BIN --plot log.png",
+)
+
+LOG_EPILOG = (
+    "\b\nexample:\n  heli log info 00000012.BIN --plot log.png\n"
+    "  heli log info flight.csv --map columns.yaml --json\n"
+    "  heli log info rosbag2_2026_11_21 --map topics.yaml\n\n"
+    "exit code: 0 read, whatever can be identified from it, 2 bad input (one line)"
+)
+
+
+Log = Annotated[
+    Path,
+    typer.Argument(
+        metavar="LOG", help=".bin (ArduPilot), .ulg (PX4), .csv, .mat, rosbag2, a flight"
+    ),
+]
+LogColumns = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="FILE",
+        help="YAML file: which column is which signal, its unit and sign; for .csv, .mat and "
+        "bags of others",
+    ),
+]
+LogStart = Annotated[
+    float | None, typer.Option("--start", metavar="S", help="from here on, since the first row")
+]
+LogEnd = Annotated[
+    float | None, typer.Option("--end", metavar="S", help="up to here, since the first row")
+]
+
+
+@logs.command("info", epilog=LOG_EPILOG)
+def log_info(
+    log: Log,
+    columns: LogColumns = None,
+    start: LogStart = None,
+    end: LogEnd = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="picture to write: .png, .svg or .pdf")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Show what a log holds, what was excited, and what can be identified from it."""
+    from heli_flight.terminal import answer
+    from heli_studies.logs.info import cropped, info_of
+    from heli_studies.logs.read import read_log
+    from heli_studies.logs.show import draw_info, print_info
+
+    if plot is not None:
+        from heli_studies.handling import check_picture
+
+        check_picture(plot)
+    info = info_of(cropped(read_log(log, columns), start, end))
+    if plot is not None:
+        draw_info(info, plot)
+    written = f"written: {plot}" if plot else ""
+    return answer(info.as_dict(), as_json, partial(print_info, info), written)
+
+
+@logs.command(
+    "identify",
+    epilog="\b\nexample:\n  heli log identify 00000012.BIN --out model\n\n"
+    "exit code: 0 read, whatever was identified (the JSON names what was not and why), 2 bad "
+    "input (one line)",
+)
+def log_identify(
+    log: Log,
+    columns: LogColumns = None,
+    start: LogStart = None,
+    end: LogEnd = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="folder for model.json, responses.csv, bode.png; must not exist"
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Identify each axis from a log: gain, pole, delay, feed-forward; A and B where it allows."""
+    # The matrices are small: threads of the linear algebra only cost time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_flight.terminal import answer, being_filled, json_text, refuse_existing
+    from heli_studies.logs.fit import draw_fit, fit_log, print_fit, responses_csv
+    from heli_studies.logs.info import cropped, info_of
+    from heli_studies.logs.read import read_log
+
+    refuse_existing(out)
+    fitted = fit_log(info_of(cropped(read_log(log, columns), start, end)))
+    if out is not None:
+        with being_filled(out):
+            write_whole(out / "model.json", json_text(fitted.as_dict()))
+            write_whole(out / "responses.csv", responses_csv(fitted.info))
+            draw_fit(fitted, out / "bode.png")
+    written = f"written: {out}" if out else ""
+    return answer(fitted.as_dict(), as_json, partial(print_fit, fitted), written)
+
+
 def add_to(app: typer.Typer) -> None:
     """Give the command `heli` what studies bring."""
     app.add_typer(compare, name="compare")
@@ -1095,3 +1203,4 @@ def add_to(app: typer.Typer) -> None:
     app.command(epilog=IDENTIFY_EPILOG)(identify)
     app.command(cls=CommandWithRenamed, epilog=ROBUST_EPILOG)(robust)
     app.command(epilog=SCORE_EPILOG)(score)
+    app.add_typer(logs, name="log")

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from heli_analysis.identification.aperiodic import AperiodicRecord, spectra_of_record
 from heli_analysis.identification.estimator import (
     LONGEST_DELAY_S,
     Estimate,
@@ -189,7 +190,42 @@ def fit_actuators(
     IdentificationError
         Its cause and sentence say why.
     """
-    spectra = spectra_of(experiment)
+    attitude = experiment.steady().attitude_rad[:, :2].mean(axis=0)
+    return _fit(spectra_of(experiment), attitude, start, round_delay, prune, progress)
+
+
+def fit_record(
+    record: AperiodicRecord,
+    start: FastModel | None = None,
+    round_delay: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> IdentifiedAB:
+    """Fit A, B, servos and delay to chirps, doublets or sweeps, as `fit_actuators` does to lines.
+
+    Parameters
+    ----------
+    record : AperiodicRecord
+        d_lat, d_lon, d_ped excited from outside; d_col may be.
+    start, round_delay, progress
+        As in `fit_actuators`.
+
+    Raises
+    ------
+    IdentificationError
+        Its cause and sentence say why.
+    """
+    attitude = np.asarray(record.attitude_rad, np.float64)[:, :2].mean(axis=0)
+    return _fit(spectra_of_record(record), attitude, start, round_delay, True, progress)
+
+
+def _fit(
+    spectra: Spectra,
+    attitude: Array,
+    start: FastModel | None,
+    round_delay: bool,
+    prune: bool,
+    progress: Callable[[str], None] | None,
+) -> IdentifiedAB:
     coherence = channel_coherence(spectra)
     names = _names(spectra)
     if 2 * spectra.omega_radps.size * 3 < 2 * len(names):
@@ -222,7 +258,6 @@ def fit_actuators(
         fitted = estimate(problem, values_of(kept, base), progress=progress)
         model = problem.model(fitted.values)
     _check_physical(model)
-    attitude = experiment.steady().attitude_rad[:, :2].mean(axis=0)
     share, sigma = _share_and_sigma(model, spectra, fitted.distortion, (DELAY,))
     return _identified(
         model, fitted, sigma | {DELAY: delay_sigma}, share,

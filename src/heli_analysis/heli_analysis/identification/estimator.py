@@ -11,7 +11,8 @@ weights' own dependence on theta. Practice on rotorcraft: Tischler and Remple, A
 Rotorcraft System Identification, 2nd ed. (AIAA 2012), ch. 11 to 13.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -242,6 +243,29 @@ def _minimise(
     return result.x, result.jac, bool(result.status > 0)
 
 
+@contextmanager
+def _of_numbers(problem: Problem, values: Array) -> Iterator[None]:
+    """SciPy and LAPACK refuse what is not finite by a ValueError: here it is a named cause."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            yield
+    except IdentificationError:
+        raise
+    except ValueError as error:
+        raise _beyond(problem, values) from error
+
+
+def _beyond(problem: Problem, values: Array) -> IdentificationError:
+    """The refusal of a model whose response is beyond any number."""
+    fastest = float(np.max(np.linalg.eigvals(np.nan_to_num(problem.model(values).A)).real))
+    largest = problem.names[int(np.argmax(np.abs(np.nan_to_num(values, nan=np.inf))))]
+    return IdentificationError(
+        IdentificationCause.NOT_CONVERGED,
+        f"from this start the response is no number any more: the model grows with {fastest:.3g} "
+        f"1/s, and {largest} is its largest entry",
+    )
+
+
 def estimate(
     problem: Problem,
     start: Array,
@@ -272,7 +296,9 @@ def estimate(
     tolerance = _FINE if fine else _COARSE
     for number in range(_ROUNDS):
         before, distortion = values, problem.distortion
-        values, jacobian, _ = _minimise(problem, before, problem.whiteners(before), tolerance)
+        with _of_numbers(problem, before):
+            whiteners = problem.whiteners(before)
+            values, jacobian, _ = _minimise(problem, before, whiteners, tolerance)
         if progress is not None:
             progress(f"{values.size} parameters, round {number + 1}")
         problem.distortion = distortion_of(problem, values)
@@ -438,6 +464,18 @@ _CYCLIC, _DIRECT = slice(ACTUATOR.lat, ACTUATOR.ped), slice(ACTUATOR.ped, ACTUAT
 _LOWEST_RADPS = 1.0  # below, turbulence and drift weigh more than they tell
 
 
+_TINY = 1e-9
+_MOST_GROWTH_1PS, _MOST_ENTRY = 10.0, 1e6
+
+
+def _is_believable(model: FastModel) -> bool:
+    """True of a start from which a response is a number: no entry beyond measure, no explosion."""
+    entries = np.concatenate([m.ravel() for m in (model.A, model.B, model.E)])
+    if not np.all(np.abs(entries) < _MOST_ENTRY):
+        return False
+    return float(np.max(np.linalg.eigvals(model.A).real)) < _MOST_GROWTH_1PS
+
+
 class _Search(NamedTuple):
     """What is searched for (6,)."""
 
@@ -551,10 +589,11 @@ class StartSearch:
                         self.residual, at, bounds=(lower, upper), x_scale="jac", max_nfev=40
                     )
                 )
-        return self.model(min(fits, key=lambda result: result.cost).x)
+        models = [self.model(fit.x) for fit in sorted(fits, key=lambda result: result.cost)]
+        return next((model for model in models if _is_believable(model)), models[0])
 
     def model(self, x: Array) -> FastModel:
-        """The fast model of the solved rows."""
+        """The fast model of the solved rows; what nothing tells of the yaw gyro is small, not 0."""
         p, q, r = (row.coefficients for row in self.rows(x))
         A, B, E = empty_matrices()
         a_s, b_s = STATE.a_s, STATE.b_s
@@ -566,6 +605,7 @@ class StartSearch:
         for row, c, at in ((STATE.p, p, _TILT), (STATE.q, q, _TILT), (STATE.r, r, _YAW)):
             A[row, STATE.r], A[row, STATE.d_int] = c[at.r], c[at.d_int]
             B[row, _DIRECT], E[row, AIR.velocity] = c[at.direct], c[at.air]
-        B[STATE.d_int, ACTUATOR.ped] = r[_YAW.pedal] / r[_YAW.d_int]
+        by_gyro = r[_YAW.d_int] or _TINY
+        B[STATE.d_int, ACTUATOR.ped] = r[_YAW.pedal] / by_gyro
         servo, damping = np.exp(x[_X.servo]), np.exp(x[_X.damping])
         return FastModel(A, B, E, float(servo), float(damping), float(x[_X.delay]))

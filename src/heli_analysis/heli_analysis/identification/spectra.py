@@ -208,6 +208,8 @@ class Spectra:
     neighbours : (L, K) array of int
         Noise bins next to each line.
     periods : int
+    dof : float
+        Independent noise samples behind each covariance, mean over the lines.
     """
 
     bins: IntArray
@@ -219,6 +221,7 @@ class Spectra:
     noise_z: ComplexArray
     neighbours: IntArray
     periods: int
+    dof: float
 
     def channel_lines(self, channel: int, least: int) -> NDArray[np.bool_]:
         """Mask (L,) of a channel's lines; raises NO_EXCITATION or TOO_FEW_LINES below `least`."""
@@ -241,16 +244,15 @@ class Spectra:
         near = self.noise_z[self.neighbours]
         return np.einsum("lki,lkj->lij", near, near.conj()) / near.shape[1]
 
-    @property
-    def dof(self) -> float:
-        """Independent noise samples behind each covariance, mean over the lines.
 
-        Under a Hann window neighbouring bins are correlated with 2/3, the next but one with 1/6.
-        """
-        bins = self.noise_bins[self.neighbours]
-        apart = np.abs(bins[:, :, None] - bins[:, None, :])
-        squares = np.select([apart == 0, apart == 1, apart == 2], [1.0, 4.0 / 9.0, 1.0 / 36.0])
-        return float(np.mean(bins.shape[1] ** 2 / squares.sum(axis=(1, 2))))
+def _dof(bins: IntArray) -> float:
+    """Independent ones of neighbouring bins (L, K), mean over the lines.
+
+    Under a Hann window neighbouring bins are correlated with 2/3, the next but one with 1/6.
+    """
+    apart = np.abs(bins[:, :, None] - bins[:, None, :])
+    squares = np.select([apart == 0, apart == 1, apart == 2], [1.0, 4.0 / 9.0, 1.0 / 36.0])
+    return float(np.mean(bins.shape[1] ** 2 / squares.sum(axis=(1, 2))))
 
 
 def hann_amplitudes(x: Array) -> ComplexArray:
@@ -367,6 +369,7 @@ def spectra_of(
         noise_z=amplitudes[noise[used]],
         neighbours=inverse.reshape(near.shape),
         periods=steady.periods,
+        dof=_dof(noise[near]),
     )
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, replay, ardupilot, campaign, design, identify, compare, report, score,
-diff, list, bag, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python, setup.
+diff, list, bag, log, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python,
+setup.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
