@@ -752,6 +752,7 @@ def identify(
         Path | None, typer.Option(metavar="BAG", help="bag of identify_gusts (default: fly it)")
     ] = None,
     aircraft: Aircraft = None,
+    flight: common.FlightNumber = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")] = None,
     gps: Gps = None,
     gamma_factor: Annotated[
@@ -775,8 +776,9 @@ def identify(
     from heli_studies.identify_report import execute
 
     wanted = command.IdentifyOrder(
-        actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process
-    )
+        actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process,
+        flight=flight,
+    )  # fmt: skip
     outcome = execute(wanted, out)
     if as_json:
         print((out / command.JSON).read_text(encoding="utf-8"), end="")
@@ -871,6 +873,7 @@ def score(
     ground: Annotated[
         float, typer.Option(metavar="M", help="height of the ground in the topic's frame")
     ] = 0.0,
+    which: common.FlightNumber = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="picture to write: .png, .svg or .pdf")
     ] = None,
@@ -887,7 +890,7 @@ def score(
         from heli_studies.handling import check_picture
 
         check_picture(plot)
-    wanted = ScoreOrder(flight, odom, start, end, target, ground)
+    wanted = ScoreOrder(flight, odom, start, end, target, ground, which)
     written = f"written: {plot}" if plot else ""
     if mte is None:
         from heli_studies import handling as swept

@@ -391,6 +391,15 @@ RecordedScenario = Annotated[
         autocompletion=scenarios,
     ),
 ]
+FlightNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--flight",
+        min=1,
+        metavar="N",
+        help="of a bag whose clock goes back: which flight (default: the last)",
+    ),
+]
 RecordedGps = Annotated[
     str | None,
     typer.Option(
