@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from pyulog import ULog
 
 import heli
 from heli_bags.opening import opened
@@ -140,3 +141,20 @@ def test_of_two_flights_one_is_played(places, capsys):
     words = ["bag", "play", bag, "--rate", 1000, "--json", "--flight", 1]
     code, text, _ = run(capsys, *words)
     assert code == 0 and json.loads(text)[TRUTH] == round(100 * FIRST_S)
+
+
+@pytest.mark.parametrize("how", ["each twice", "all twice"])
+def test_messages_that_are_in_a_bag_twice_are_taken_once(flown, tmp_path, capsys, how):
+    """Each behind itself, or the whole flight behind itself: no time comes twice in a log."""
+    place, types, sent = flown[0]
+    twice = [one for one in sent for _ in range(2)] if how == "each twice" else [*sent, *sent]
+    foreign.write_bag(tmp_path / "bag", foreign.ours(types), twice, "mcap")
+    (tmp_path / NAME).write_bytes((place / NAME).read_bytes())
+    code, _, err = run(capsys, "bag", "ulog", tmp_path)
+    assert code == 0, err
+    log = ULog(str(tmp_path / "flight.ulg"))
+    (times,) = (d.data["timestamp"] for d in log.data_list if d.name == "actuator_servos")
+    assert np.diff(times.astype(np.int64)).min() > 0
+    np.testing.assert_array_equal(heli.load(tmp_path).u, heli.load(place).u)
+    notes = heli.load(tmp_path).notes
+    assert any("twice" in note or "2 flights" in note for note in notes)

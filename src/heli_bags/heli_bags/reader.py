@@ -233,7 +233,7 @@ class _Collector:
             sums = None
             if name == topics.TRUTH_ODOM:
                 sums = np.frombuffer(b"".join(self._sums), SUM)[fits][order]
-            self.bag.streams[name] = Stream(stamps[order], array[order], sums)
+            self.bag.streams[name] = self._once(name, Stream(stamps[order], array[order], sums))
         self.bag.remarks = [
             remark
             if self._fits(topics.DIAGNOSTICS, bag_ns, remark.stamp_ns)
@@ -245,6 +245,20 @@ class _Collector:
             self.bag.references = [(way.start_ns, way) for _, way in self.bag.references]
         self._date_references()
         return self.bag
+
+    def _once(self, name: str, stream: Stream) -> Stream:
+        """A stream without messages that are in the bag twice, which are counted."""
+        again = np.zeros(stream.stamp_ns.size, dtype=bool)
+        if again.size:
+            again[1:] = stream.stamp_ns[1:] == stream.stamp_ns[:-1]
+            again[1:] &= (stream.rows[1:] == stream.rows[:-1]).all(axis=1)
+        if stream.sums is not None:
+            again[1:] &= stream.sums[1:] == stream.sums[:-1]
+        if not again.any():
+            return stream
+        self.bag.notes.append(f"{name}: {np.count_nonzero(again)} messages are in it twice")
+        sums = None if stream.sums is None else stream.sums[~again]
+        return Stream(stream.stamp_ns[~again], stream.rows[~again], sums)
 
     def _date_references(self) -> None:
         """Have references count from when they were followed, not from when they were recorded.
@@ -331,6 +345,7 @@ def _read(path: Path, datum: Datum | None, flight: int | None) -> Bag:
         finished = collector.finish()
         finished.notes = [
             *reader.remarks,
+            *finished.notes,
             *(str(row) for row in reader.lost([c for c in reader.connections if names[c.id]])),
             *(
                 f"{name}: {count} messages cannot be used: {finished.reasons[name]}"

@@ -838,8 +838,13 @@ def score(
         ),
     ] = None,
     scale: Annotated[
-        str, typer.Option(metavar="SCALE", help="bounds: full, or froude for a small rotor")
-    ] = "full",
+        str | None,
+        typer.Option(
+            metavar="SCALE",
+            help="bounds: full, or froude for a small rotor (default: of a manoeuvre that "
+            "params.yaml says, its own; else full)",
+        ),
+    ] = None,
     rotor_diameter: Annotated[
         float | None,
         typer.Option(metavar="M", help="for --scale froude (default: the flight's aircraft)"),

@@ -271,6 +271,17 @@ def _full_name(reader: BagReader, path: Path, topic: str) -> str:
     return ends[0] if len(set(ends)) == 1 else chosen(reader, path, [topic])[0].topic
 
 
+def _own_manoeuvre(path: Path, name: str) -> Settings | None:
+    """Settings of a flight of ours that was to fly a manoeuvre, from params.yaml beside the bag."""
+    saved = bag_of(path).resolve().parent / NAME
+    if not saved.is_file():
+        return None
+    settings = resolve(params=[saved])
+    p = settings.scenario_parameters
+    ours = p["kind"] == "path" and p["path.kind"] == "manoeuvre" and p["path.manoeuvre"] == name
+    return settings if ours else None
+
+
 def own_course(path: Path, name: str, scale: Scale) -> tuple[Array, float] | None:
     """Target (3,), NED, m, and beginning, s, of a manoeuvre that a flight of ours was to fly.
 
@@ -280,13 +291,10 @@ def own_course(path: Path, name: str, scale: Scale) -> tuple[Array, float] | Non
     ------
     ParameterError
     """
-    saved = bag_of(path).resolve().parent / NAME
-    if not saved.is_file():
+    settings = _own_manoeuvre(path, name)
+    if settings is None:
         return None
-    settings = resolve(params=[saved])
     p = settings.scenario_parameters
-    if p["kind"] != "path" or p["path.kind"] != "manoeuvre" or p["path.manoeuvre"] != name:
-        return None
     if not math.isclose(scale_flown(p).ratio, scale.ratio, rel_tol=1e-6):
         return None
     return target_of(settings.scenario.reference, p), p["path.start_s"] - LEAD_IN_S
@@ -387,10 +395,21 @@ def checked_scale(name: str, path: Path, rotor_diameter_m: float | None) -> tupl
     return scale_of(name, path, rotor_diameter_m)
 
 
+def _scale_wanted(
+    path: Path, name: str, scale_name: str | None, rotor_diameter_m: float | None
+) -> tuple[Scale, str]:
+    """The scale that is named, else the one that a flight of ours was to fly, else full scale."""
+    settings = _own_manoeuvre(path, name) if scale_name is None else None
+    if settings is None or rotor_diameter_m is not None:
+        return checked_scale(scale_name or FULL_SCALE.name, path, rotor_diameter_m)
+    flown = scale_flown(settings.scenario_parameters)
+    return flown, f"scale {flown.name}, as it was to be flown"
+
+
 def score_manoeuvre(
-    wanted: ScoreOrder, name: str, scale_name: str, rotor_diameter_m: float | None
+    wanted: ScoreOrder, name: str, scale_name: str | None, rotor_diameter_m: float | None
 ) -> Scored:
-    """Score a manoeuvre of a bag.
+    """Score a manoeuvre of a bag; without a scale at that which a flight of ours was to fly.
 
     Raises
     ------
@@ -399,7 +418,7 @@ def score_manoeuvre(
     """
     if name not in MANOEUVRES:
         raise ParameterError(f"--mte {name}: is none of {', '.join(MANOEUVRES)}")
-    scale, why = checked_scale(scale_name, wanted.path, rotor_diameter_m)
+    scale, why = _scale_wanted(wanted.path, name, scale_name, rotor_diameter_m)
     flight = flight_of(wanted.path, wanted.odom, wanted.number)
     target, start_s, ours = None, wanted.start_s, ""
     if wanted.target_enu_m is not None:
@@ -795,7 +814,7 @@ def score_response(
     axis: str,
     command: str | None,
     disturbance: str | None,
-    scale_name: str,
+    scale_name: str | None,
     rotor_diameter_m: float | None,
 ) -> Responses:
     """Response of an axis to its command, or of its attitude to a disturbance of the measured one.
@@ -806,7 +825,7 @@ def score_response(
         With one sentence.
     """
     check_axis(axis)
-    scale, why = checked_scale(scale_name, wanted.path, rotor_diameter_m)
+    scale, why = checked_scale(scale_name or FULL_SCALE.name, wanted.path, rotor_diameter_m)
     flight = flight_of(wanted.path, wanted.odom, wanted.number)
     track = flight.track.between(wanted.start_s, wanted.end_s)
     source = disturbance or command or topics.ATTITUDE_SETPOINT
