@@ -46,6 +46,14 @@ FOREIGN: dict[str, tuple[Kind, bytes]] = {
     SERVICE_EVENTS: (
         Kind("rcl_interfaces/srv/GetParameters_Event", "", b""), b"\0\1\0\0" + bytes(8),
     ),
+    # As rosbag2 of Jazzy writes them: the service's definition in the place of the event's.
+    "/acme/weigh/_service_event": (
+        Kind(
+            "acme_msgs/srv/Weigh_Event", "ros2msg",
+            b"=" * 80 + b"\nSRV: acme_msgs/srv/Weigh\nint64 at\n---\nfloat64 mass\n",
+        ),
+        b"\0\1\0\0" + bytes(16),
+    ),
     "/acme/undefined": (Kind("acme_msgs/msg/Widget", "unknown", b""), b"\0\1\0\0\7\0\0\0"),
     "/acme/lacking": (
         Kind("acme_msgs/msg/Outer", "ros2msg", b"acme_msgs/Inner inner\n"), b"\0\1\0\0\7\0\0\0",
@@ -97,6 +105,7 @@ def write_mcap(
     profile: str = "ros2",
     chunk_bytes: int = 1 << 14,
     summary: bool = True,
+    index: IndexType = IndexType.ALL,
 ) -> None:
     """A file by the library of MCAP; no chunks at 0 bytes, without its summary on demand."""
     with path.open("wb") as stream:
@@ -105,7 +114,7 @@ def write_mcap(
             chunk_size=chunk_bytes or 1 << 20,
             compression=CompressionType.ZSTD,
             use_chunking=chunk_bytes > 0,
-            index_types=IndexType.ALL if summary else IndexType.NONE,
+            index_types=index if summary else IndexType.NONE,
             repeat_channels=summary,
             repeat_schemas=summary,
             use_statistics=summary,

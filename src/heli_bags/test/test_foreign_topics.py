@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import IndexType
 
 from heli_bags.opening import opened
 from heli_bags.reader import read_bag
@@ -15,6 +16,7 @@ from heli_bags.writer import BagCause, BagError
 from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_flight.cli import app as cli
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.messages import Encoder
 from support import foreign_bags as foreign
 from support.foreign_bags import FOREIGN, SCHEMALESS, Kind, Sent
@@ -29,6 +31,7 @@ FORMS = {
     "mcap of no profile": ("mcap", {"profile": ""}),
     "mcap without chunks": ("mcap", {"chunk_bytes": 0}),
     "mcap without summary": ("mcap", {"summary": False}),
+    "mcap without index of messages": ("mcap", {"index": IndexType.CHUNK}),
     "mcap without both": ("mcap", {"chunk_bytes": 0, "summary": False}),
     **{f"sqlite3 {v}": ("sqlite3", {"version": v}) for v in foreign.SQLITE_VERSIONS},
 }
@@ -142,6 +145,59 @@ def test_more_messages_in_the_list_than_in_the_files(tmp_path, storage, capsys):
     assert cli.main(["bag", "info", str(bag)]) == 1
     assert cli.main(["bag", "csv", str(bag), "--out", str(tmp_path / "csv")]) == 1
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_messages_of_one_time_come_in_the_order_of_writing(tmp_path, form):
+    """As in simulated time, of which a tick has many; over the ends of chunks, too."""
+    storage, how = FORMS[form]
+    names, said = list(TYPES), []
+    for tick in range(60):
+        order = names if tick % 3 else names[::-1]
+        said += [(name, NS_PER_S + tick // 20 * TICK_NS, tick) for name in order]
+    encoders = {f"/heli/{name}": Encoder(name) for name in NAMES}
+    rows = {f"/heli/{name}": good_row(name) for name in NAMES}
+    sent = [Sent(name, ns, bytes(encoders[name].encode(rows[name], k))) for name, ns, k in said]
+    if storage == "mcap" and how.get("chunk_bytes", 1):
+        how = {**how, "chunk_bytes": 512}
+    bag = foreign.write_bag(tmp_path / "bag", foreign.ours(TYPES), sent, storage, **how)
+    with opened(bag) as reader:
+        read = [(c.topic, ns, stamp_of(raw)) for c, ns, raw in reader.messages()]
+    assert read == said
+
+
+def test_two_definitions_of_one_type_and_one_that_is_no_utf8(tmp_path):
+    """A cut-off definition of another topic's type, and a comment in Latin-1, are theirs alone."""
+    kinds, sent = foreign.ours(TYPES), list(flight())
+    imu = kinds["/heli/imu/data_raw"]
+    kinds["/heli/imu/data_raw"] = Kind(imu.type, imu.schema, imu.definition + b"\n# m/s\xb2\n")
+    kinds["/other/imu/data_raw"] = Kind(imu.type, imu.schema, imu.definition[:40])
+    kinds["/empty"] = foreign.ours({"": "std_msgs/msg/Empty"})[""]
+    sent += [Sent("/other/imu/data_raw", NS_PER_S, sent[0].raw)]
+    sent += [Sent("/empty", NS_PER_S, b"\0\1\0\0\0")]
+    bag = foreign.write_bag(tmp_path / "bag", kinds, sent, "mcap")
+    (tmp_path / "csv").mkdir()
+    short = []
+    rows = write_csv(bag, tmp_path / "csv", shortfall=short)
+    assert rows == {
+        "heli__imu__data_raw.csv": TICKS, "heli__actuators.csv": TICKS, "empty.csv": 1,
+    }  # fmt: skip
+    (line,) = short
+    assert line.startswith("/other/imu/data_raw: 1 ")
+
+
+def test_a_file_without_a_number_and_a_topic_without_messages(tmp_path):
+    kinds, sent = foreign.kinds(TYPES, []), list(flight())
+    kinds["/heli/baro"] = foreign.ours({"": topics.BY_NAME[topics.BARO].type})[""]
+    bag = foreign.write_bag(tmp_path / "bag", kinds, sent, "mcap")
+    (bag / "bag_0.mcap").rename(bag / "renamed by hand.mcap")
+    about = foreign.metadata(9, "mcap", ["renamed by hand.mcap"], kinds, sent)
+    foreign.write_metadata(bag, about)
+    info = bag_info(bag)
+    assert {row.topic: row.messages for row in info.topics}["/heli/baro"] == 0
+    assert info.missing == [] and {s.stamp_ns.size for s in read_bag(bag).streams.values()} == {
+        TICKS
+    }
 
 
 def test_messages_of_no_topic_are_counted(tmp_path):

@@ -87,6 +87,7 @@ VARIANTS = {
     "compression of messages": lambda about: {
         **about, "compression_mode": "MESSAGE", "compression_format": "zstd",
     },
+    "an empty storage": with_field("storage_identifier", value=""),
     "another storage": with_field("storage_identifier", value="my_plugin"),
     "empty profiles": in_topics("offered_qos_profiles", ""),
     "profiles that are none": in_topics("offered_qos_profiles", "- history: 3\n"),
