@@ -18,6 +18,7 @@ from heli_flight.report.write import BagChoice
 from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_studies.handling import flight_of
+from heli_studies.identify import BagDataError, IdentificationInputs, experiment_of_bag
 from support import foreign_bags as foreign
 from support.foreign_bags import FOREIGN, Kind, Sent
 from support.record_bag import flown_folder
@@ -107,6 +108,16 @@ def test_a_replay_shows_the_flight_that_is_asked_for(places):
         lengths[name, number] = shown.recording.streams[topics.TRUTH_ODOM].stamp_ns.size
     assert set(lengths.values()) == {round(100 * FIRST_S), round(100 * LAST_S)}
     assert lengths["two", 1] == round(100 * FIRST_S) == min(lengths.values())
+
+
+def test_an_identification_asks_which_flight(places):
+    given = IdentificationInputs({}, period_s=0.5, start_s=1.0, periods=4, source="test")
+    with pytest.raises(BagDataError, match="2 flights"):
+        experiment_of_bag(places / "two", "gusts", given, 1.0)
+    for name, number in (("two", 1), ("mixed", None)):
+        with pytest.raises(BagDataError) as caught:  # one of its streams was not recorded
+            experiment_of_bag(places / name, "gusts", given, 1.0, number)
+        assert topics.IMU in str(caught.value)
 
 
 def test_ours_in_a_form_that_nobody_reads_is_named_in_the_report(flown, tmp_path, capsys):

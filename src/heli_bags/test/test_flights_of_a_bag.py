@@ -8,6 +8,7 @@ import pytest
 
 from heli_bags.opening import opened, restarts
 from heli_bags.reader import read_bag
+from heli_bags.repair import repair
 from heli_bags.tools import bag_info, bag_messages, write_csv
 from heli_bags.writer import BagCause, BagError, BagRecorder, Format
 from heli_core.ticks import NS_PER_S, TICK_NS
@@ -121,6 +122,14 @@ def test_queues_that_are_emptied_one_after_the_other(tmp_path):
         recorder.write(name, raw)
     recorder.close()
     judge(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("form", ["mcap", "mcap without chunks", "sqlite3 2", "sqlite3 4"])
+def test_a_repair_keeps_the_flights_apart(tmp_path, form):
+    bag = foreign_bag(tmp_path / "bag", *FORMS[form])
+    (bag / "metadata.yaml").unlink()
+    assert repair(bag, tmp_path / "new") is not None
+    judge(tmp_path / "new")
 
 
 @pytest.fixture
