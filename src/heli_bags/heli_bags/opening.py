@@ -254,9 +254,9 @@ def _store(type_name: str, kind: MessageDefinitionFormat, text: str, digest: str
         known = store.hash_rihs01(type_name)
     except KeyError as error:
         raise _Unknown(f"its definition of {type_name} lacks {error}") from None
-    except Exception as error:
+    except Exception:
         # Definitions of foreign recorders may be anything, and the parsers raise anything.
-        raise _Unknown(f"its definition of {type_name} cannot be read: {reason(error)}") from None
+        raise _Unknown(f"its definition of {type_name} cannot be read") from None
     if digest and digest != known:
         raise _Unknown(f"its definition of {type_name} is not that of its messages: {digest:.20}")
     return store
@@ -497,7 +497,8 @@ class BagReader:
 
     def lose(self, connection: Connection, error: Exception) -> None:
         """Count a message that could not be taken apart; the first one's error is told."""
-        self._lose(connection.topic, 1, str(error).removeprefix(f"{self._path}: "))
+        why = str(error).removeprefix(f"{self._path}: ").removeprefix("not a readable bag: ")
+        self._lose(connection.topic, 1, why)
 
     def unread(self, connections: Collection[Connection] = ()) -> list[UnreadTopic]:
         """What of the topics (of all, if none is named) cannot be read, as far as is known now."""
@@ -528,7 +529,7 @@ class BagReader:
     def form(connection: Connection) -> str:
         """Why a topic's messages are not in the form that ROS gives them; empty if they are."""
         kind = cast(ConnectionExtRosbag2, connection.ext).serialization_format
-        return "" if kind == "cdr" else f"they are {printable(kind) or 'of no known form'}, not CDR"
+        return "" if kind == "cdr" else f"its messages are {printable(kind) or 'of no known form'}"
 
     def obstacle(self, connection: Connection) -> str:
         """Why a topic's messages cannot be taken apart; empty if they can."""

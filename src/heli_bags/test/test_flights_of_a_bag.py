@@ -157,7 +157,10 @@ def test_the_commands_say_which_and_exit_with_1_where_nobody_asked(bag, tmp_path
         asked = [] if number is None else ["--flight", str(number)]
         words = ["bag", "csv", str(bag), "--out", str(tmp_path / f"csv{number}"), *asked]
         assert cli.main(words) == code
-        assert len(capsys.readouterr().err.splitlines()) == (code != 0)
+        # On a loaded machine progress is told, too.
+        err = capsys.readouterr().err.splitlines()
+        said = [line for line in err if not line.startswith("messages: ")]
+        assert len(said) == (code != 0), err
         assert cli.main(["bag", "echo", str(bag), "clock", "--json", *asked]) == code
         lines = capsys.readouterr().out.splitlines()
         assert len(lines) == {None: SECOND, 1: FIRST, 3: 0}[number]

@@ -609,10 +609,17 @@ Topics = Annotated[
 _SHORT = 1
 
 
+def _shown(sentence: str) -> str:
+    """A sentence with names out of a bag, without what steers a terminal."""
+    from heli_core.rcl_yaml import printable
+
+    return printable(sentence, len(sentence))
+
+
 def _short_of(shortfall: Sequence[str]) -> int:
     """Say why less was read than the bag lists; the exit code."""
     for sentence in shortfall:
-        print(f"not read: {sentence}", file=sys.stderr)
+        print(f"not read: {_shown(sentence)}", file=sys.stderr)
     return _SHORT if shortfall else 0
 
 
@@ -639,7 +646,7 @@ def info(path: Bag, as_json: Json = False) -> int:
     out.print(shown)
     for row in contents.topics:
         if row.unreadable:
-            print(f"cannot be read: {row.topic}: {row.unreadable}")
+            print(_shown(f"cannot be read: {row.topic}: {row.unreadable}"))
     out.print(
         f"{contents.messages} messages in {contents.duration_s:.2f} s "
         f"from {contents.start_s:.2f} s; "
