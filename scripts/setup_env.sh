@@ -391,12 +391,21 @@ heli_make_missing() {
     heli_tell_size
 }
 
+# An environment of another user's may stand, but its Python lie where only that user may go.
+heli_fail_unwritable() {
+    local python=$heli_venv/bin/python
+    if { [ -e "$python" ] || [ -L "$python" ]; } && [ ! -x "$python" ]; then
+        heli_fail "cannot execute $(readlink -m -- "$python"), the Python of $heli_venv, as this user; for an environment of your own choose a folder with HELI_VENV=/path"
+    fi
+    heli_fail "cannot write $heli_venv"
+}
+
 # One set-up at a time; whoever waited looks again at what is missing.
 heli_make_missing_alone() {
     heli_child=""
     heli_log=$(mktemp "${TMPDIR:-/tmp}/heli_setup.XXXXXX") || heli_fail "cannot write a temporary file"
     mkdir -p -- "$(dirname -- "$heli_venv")" 2>/dev/null || true
-    { exec 9>"$heli_venv.lock"; } 2>/dev/null || heli_fail "cannot write $heli_venv"
+    { exec 9>"$heli_venv.lock"; } 2>/dev/null || heli_fail_unwritable
     if ! flock -n 9; then
         printf 'Another set-up is under way, waiting for it ...\n' >&2
         flock 9

@@ -391,3 +391,17 @@ def test_identify_refuses_bad_input_in_one_line(capsys, tmp_path):
     assert code == 2
     assert err.startswith(f"heli: {tmp_path / 'no'}: ") and err.count("\n") == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize("words", [
+    ["hover", "--duration", "1", "--one-process", "--out", "PATH"], ["report", "PATH"],
+    ["bag", "info", "PATH"], ["bag", "csv", "nowhere", "--out", "PATH"], ["diff", "PATH", "PATH"],
+])  # fmt: skip
+def test_a_path_that_is_no_utf8_is_named_before_anything_is_done(tmp_path, capsys, words):
+    """As the system hands it over: its bytes as surrogates (PEP 383)."""
+    path = os.fsdecode(os.fsencode(tmp_path) + b"/\xffout")
+    assert cli.main([word.replace("PATH", path) for word in words]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and len(err.splitlines()) == 1
+    assert str(tmp_path) in err and "UTF-8" in err and err.isascii()
+    assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy import signal
 from scipy.optimize import brentq
 
-from heli_bags.tools import opened
+from heli_bags.opening import opened
 from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_core.ticks import NS_PER_S
 from heli_flight.cli import app as cli
@@ -24,6 +24,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 from heli_msgs_bridge.signatures import checksum
 from support.handling_flights import vertical
+from support.record_bag import flown_folder
 
 EVERY_S = 0.02
 START_NS = 1_700_000_000_000_000_000
@@ -342,3 +343,18 @@ def test_bad_input_is_one_line_and_exit_code_2(bags, capsys, tmp_path, bag, opti
     code, out, error = run(capsys, bags.get(bag, tmp_path / "gone"), *options)
     assert (code, out, error.count("\n")) == (2, "", 1)
     assert error.startswith("heli: ") and words in error
+
+
+def test_our_own_manoeuvre_is_scored_at_the_scale_that_was_flown(tmp_path, capsys):
+    """Without --scale: what params.yaml says; the other scale is not what was flown."""
+    folder = flown_folder(tmp_path / "flight", resolve("mte_hover"))
+    flown = resolve("mte_hover").scenario_parameters["path.scale"]
+    answers = {}
+    for words in ((), ("--scale", "full"), ("--scale", "froude")):
+        _, out, err = run(capsys, folder, "--mte", "hover", *words, "--json")
+        assert not err
+        answers[words] = json.loads(out)
+    content, other = answers[()], answers["--scale", "full" if flown == "froude" else "froude"]
+    assert content["complete"] and any("params.yaml" in remark for remark in content["remarks"])
+    assert content["scale"] == answers["--scale", flown]["scale"] != other["scale"]
+    assert content["level"] == answers["--scale", flown]["level"]

@@ -33,7 +33,6 @@ CALLED_BY_OTHERS = {
 SET_FOR_OTHERS = {
     "unraisablehook": "sys", "CACHE_DIR": "numba.config", "tempdir": "tempfile",
     "_protected_args": "typer.Context", "handlers": "logging.Logger",
-    "STORAGE_PLUGINS": "rosbags.rosbag2.Reader",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
     "home_known": "a message", "markers": "a message", "hardware_id": "a message",

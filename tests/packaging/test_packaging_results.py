@@ -47,6 +47,8 @@ DESCRIPTIVE = {
     # docs/howto/ardupilot.md: of a protocol
     "| what | how |",
     "| what comes | what is done |",
+    # docs/field_reports.md: of whom, not measured
+    "| reported at | what | tried | what happened | what is right |",
     # definitions, not measured
     "| `--mte` | paragraph | time, s | position or track, ft | altitude or height, ft "
     "| heading, deg | besides |",

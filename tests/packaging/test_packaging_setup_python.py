@@ -91,3 +91,17 @@ def test_environment_whose_python_vanished_is_made_anew(checkout):
     (checkout.top / ".venv/bin/python").unlink()
     assert checkout.start().returncode == 0
     assert (checkout.top / ".venv/bin/python").exists()
+
+
+def test_an_environment_whose_python_only_another_user_may_run(checkout):
+    """As set up by root, whose Python lies in its home: neither executed nor made anew."""
+    checkout.add_python()
+    assert checkout.start().returncode == 0
+    python = checkout.top / ".venv/bin/python"
+    python.chmod(0o644)
+    lock = checkout.top / ".venv.lock"
+    lock.unlink()
+    lock.mkdir()  # for root, too, no file that can be written
+    checkout.one_line_error(checkout.start(), str(python), "HELI_VENV=")
+    shutil.rmtree(checkout.top / ".venv")
+    checkout.one_line_error(checkout.start(), "cannot write", ".venv")

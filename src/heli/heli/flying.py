@@ -168,6 +168,7 @@ def load(
     gps: str | None = None,
     seed: int | None = None,
     params: Any = None,
+    flight: int | None = None,
 ) -> Flight:
     """Read a flight: the folder of one (`heli hover`, `heli.fly(...).save()`), or a bag alone.
 
@@ -179,6 +180,8 @@ def load(
         What was flown, where it is not recorded beside the bag.
     params : path or sequence of paths, optional
         Parameter files it was flown with, where they are not beside the bag.
+    flight : int, optional
+        Which flight of a bag whose clock goes back, from 1 on; default: the last.
 
     Returns
     -------
@@ -200,7 +203,7 @@ def load(
     files, over = split(params)
     if over:
         raise ParameterError("params: of a recorded flight; allowed: files")
-    record = recorded(folder, BagChoice(scenario, gps, seed, files))
+    record = recorded(folder, BagChoice(scenario, gps, seed, files, flight))
     return Flight(record, record.folder if (record.folder / NAME).is_file() else None)
 
 

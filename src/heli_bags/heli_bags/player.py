@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 
-from heli_bags.tools import BagReader, chosen, opened
+from heli_bags.opening import BagReader, chosen, opened
 from heli_bags.writer import BagCause, BagError
 from heli_core.ticks import NS_PER_S, TICKS_PER_S
 from heli_msgs_bridge import topics
@@ -49,6 +49,8 @@ class PlayChoice:
         Begin again at the end, until interrupted.
     clock_hz : float
         Rate of `/clock` in bag time where the bag holds none; 0 for no clock.
+    flight : int or None
+        Which flight of a bag whose clock goes back, from 1 on; None for the last.
     """
 
     rate: float = 1.0
@@ -58,6 +60,7 @@ class PlayChoice:
     exclude: Sequence[str] = ()
     loop: bool = False
     clock_hz: float = float(TICKS_PER_S)
+    flight: int | None = None
 
 
 def qos_of(connection: Connection) -> QoSProfile:
@@ -92,10 +95,17 @@ class Player:
     progress : callable
         Gets the bag time played so far (s) and in all.
 
+    Attributes
+    ----------
+    played : dict
+        Messages played per topic.
+    shortfall : list of str
+        Why less was played than the bag lists, once it has been played.
+
     Raises
     ------
     BagError
-        Not a bag, no such topic, nothing to play, or a type that is not installed.
+        Not a bag, no such topic, nothing to play, or a named topic's type is not installed.
     """
 
     def __init__(
@@ -107,7 +117,24 @@ class Player:
     ) -> None:
         self._node, self._path, self._choice, self._progress = node, path, choice, progress
         self.played: dict[str, int] = {}
+        self.shortfall: list[str] = []
         self._publishers: dict[str, Publisher] = {}
+
+    def _advertise(self, reader: BagReader, connections: Sequence[Connection]) -> list[Connection]:
+        """Make publishers; the topics that have one. Of those that nobody named others may not."""
+        playable = []
+        for c in connections:
+            why = reader.form(c)
+            try:
+                if why:
+                    raise BagError(f"topic {c.topic}: {why}", BagCause.TOPIC)
+                self._publishers[c.topic] = self._publisher(c.topic, c.msgtype, qos_of(c))
+                playable.append(c)
+            except BagError as error:
+                if self._choice.topics:
+                    raise
+                self.shortfall.append(f"{c.msgcount} messages of {error}")
+        return playable
 
     def _publisher(self, topic: str, type_name: str, qos: QoSProfile) -> Publisher:
         try:
@@ -131,7 +158,7 @@ class Player:
 
     def run(self) -> dict[str, int]:
         """Play; returns the messages played per topic."""
-        with opened(self._path) as reader:
+        with opened(self._path, self._choice.flight) as reader:
             connections = chosen(reader, self._path, self._choice.topics, self._choice.exclude)
             connections = [c for c in connections if c.msgcount]
             start_ns = reader.start_time + round(self._choice.start_s * 1e9)
@@ -142,8 +169,10 @@ class Player:
                 length = (reader.end_time - reader.start_time) / 1e9
                 sentence = f"{self._path}: nothing to play: it lasts {length:.2f} s"
                 raise BagError(sentence, BagCause.NOTHING_LEFT)
-            for c in connections:
-                self._publishers[c.topic] = self._publisher(c.topic, c.msgtype, qos_of(c))
+            connections = self._advertise(reader, connections)
+            if not connections:
+                sentence = f"{self._path}: nothing to play: {'; '.join(self.shortfall)}"
+                raise BagError(sentence, BagCause.NOTHING_LEFT)
             clock = self._clock()
             self._wait_for_listeners()
             while True:
@@ -154,6 +183,7 @@ class Player:
                 if not self._choice.loop or not self.played:
                     break
             self._finish()
+            self.shortfall += reader.shortfall_of_files(connections)
         return self.played
 
     def _clock(self) -> Publisher | None:

@@ -3,22 +3,18 @@
 
 import contextlib
 import gc
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
-from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.storage import PACKED, Kept, budgeted, checked_message, storage_of
-from heli_bags.writer import LATE, METADATA, WINDOW_NS, BagCause, BagError, reason
-from heli_core.foreign_files import FileCause, FileError, read_yaml
-from heli_core.rcl_yaml import printable
+from heli_bags.opening import opened
+from heli_bags.storage import checked_message
+from heli_bags.writer import LATE, WINDOW_NS, reason
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
@@ -28,159 +24,6 @@ from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.layouts import CHANNELS, MessageCause, MessageError
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.signatures import SUM, checksum
-
-# -------------------------------------------------------------------------------------------------
-# Whether a bag is whole, in words for the user; found without reading its messages.
-# -------------------------------------------------------------------------------------------------
-
-
-def storage_files(bag: Path) -> list[Path]:
-    """The .mcap and .db3 files of a folder, also those that are compressed as wholes."""
-    return sorted(p for p in bag.iterdir() if storage_of(p) and p.is_file())
-
-
-def listed_files(bag: Path) -> list[str]:
-    """Names of the files that metadata.yaml lists; empty if there is none that can be read."""
-    try:
-        content = read_yaml(bag / METADATA)
-        paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        return [Path(str(path)).name for path in paths]
-    except (FileError, TypeError, LookupError):
-        return []
-
-
-class TroubleKind(Enum):
-    """What is wrong with a bag's files."""
-
-    NO_MCAP = "a file is no MCAP file"
-    CUT_OFF = "a file is cut off"
-    NEVER_CLOSED = "a database was never closed"
-    MISSING = "a file is missing"
-    UNLISTED = "a file is not in the list of files"
-
-
-class Trouble(NamedTuple):
-    """What is wrong, with which files, and in words."""
-
-    kind: TroubleKind
-    names: tuple[str, ...]
-    sentence: str
-
-
-def _file_trouble(path: Path) -> Trouble | None:
-    name = path.name
-    if path.suffix == PACKED:
-        return None
-    if path.suffix == ".mcap":
-        with open(path, "rb") as stream:
-            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                return Trouble(TroubleKind.NO_MCAP, (name,), f"{name} is no MCAP file")
-            size = path.stat().st_size
-            stream.seek(max(0, size - len(MCAP0_MAGIC)))
-            whole = size > 2 * len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC
-        return None if whole else Trouble(TroubleKind.CUT_OFF, (name,), f"{name} is cut off")
-    for tail in ("-wal", "-journal"):
-        log = path.with_name(path.name + tail)
-        if log.is_file() and log.stat().st_size:
-            return Trouble(TroubleKind.NEVER_CLOSED, (name,), f"{name} was never closed")
-    return None
-
-
-def trouble_of(bag: Path) -> Trouble | None:
-    """What is wrong with a bag that `heli bag repair` can restore; None if nothing is.
-
-    Parameters
-    ----------
-    bag : Path
-        rosbag2 folder or a storage file.
-    """
-    files = [bag] if bag.is_file() else storage_files(bag)
-    for path in files:
-        problem = _file_trouble(path)
-        if problem:
-            return problem
-    if bag.is_file() or not files:
-        return None
-    if not (bag / METADATA).is_file():
-        return Trouble(TroubleKind.MISSING, (METADATA,), f"{METADATA} is missing")
-    listed = listed_files(bag)
-    absent = [name for name in listed if not (bag / name).is_file()]
-    if absent:
-        sentence = f"{', '.join(absent)} of {METADATA} is missing"
-        return Trouble(TroubleKind.MISSING, tuple(absent), sentence)
-    unlisted = tuple(sorted({path.name for path in files} - set(listed)))
-    if unlisted:
-        sentence = f"{METADATA} does not list {', '.join(unlisted)}"
-        return Trouble(TroubleKind.UNLISTED, unlisted, sentence)
-    return None
-
-
-def trouble(bag: Path) -> str:
-    """The same in words; empty if nothing is."""
-    what = trouble_of(bag)
-    return what.sentence if what else ""
-
-
-def advice(bag: Path) -> str:
-    """One sentence on what is wrong and what restores it; empty if nothing is."""
-    problem = trouble(bag)
-    return f"{problem}; 'heli bag repair {bag}' restores what can be" if problem else ""
-
-
-# -------------------------------------------------------------------------------------------------
-# What readers raise on damaged bytes, as one sentence. No rclpy.
-#
-# The readers of `rosbags` and `mcap` trust a bag's bytes: on damaged ones they raise whatever the
-# line at hand raises. So everything that they raise is taken for damage, and nothing of ours is.
-# -------------------------------------------------------------------------------------------------
-
-_Item = TypeVar("_Item")
-_END = object()
-ABOVE = (FileCause.TOO_LARGE, FileCause.TOO_MANY, FileCause.SPARSE)
-_NEEDS_WORDS = (
-    LookupError, AttributeError, TypeError, AssertionError, ArithmeticError, MemoryError,
-    RecursionError,
-)  # fmt: skip
-
-
-def damage(path: Path, error: Exception) -> BagError:
-    """The error for the user: one line that names the bag."""
-    if isinstance(error, BagError):
-        return error
-    if isinstance(error, FileError):
-        cause = BagCause.TOO_LARGE if error.cause in ABOVE else BagCause.DAMAGED
-        return BagError(f"{path}: not a readable bag: {error}", cause)
-    why = reason(error)
-    if isinstance(error, _NEEDS_WORDS) and type(error).__module__ == "builtins":
-        # Their texts are for programmers: a name, or nothing.
-        kind = type(error).__name__
-        why = f"it is damaged ({kind if why == kind else f'{kind}: {why}'})"
-    return BagError(f"{path}: not a readable bag: {why}", BagCause.DAMAGED)
-
-
-def guarded(path: Path, items: Iterable[_Item]) -> Iterator[_Item]:
-    """The items of a library's iterator, whose every complaint is a BagError.
-
-    Parameters
-    ----------
-    path : Path
-        The bag, for the sentence.
-    items : iterable
-        What the library yields.
-    """
-    try:
-        iterator = iter(items)
-    except Exception as error:
-        raise damage(path, error) from error
-    while True:
-        try:
-            item = next(iterator, _END)
-        except Exception as error:
-            raise damage(path, error) from error
-        if item is _END:
-            return
-        yield item  # type: ignore[misc]
-
 
 # -------------------------------------------------------------------------------------------------
 # Reader.
@@ -234,6 +77,10 @@ class Bag:
         Topic to why the first of them could not.
     foreign : list of str
         Topics that are not of the graph.
+    flights : int
+        How many flights the bag holds: several if its clock goes back.
+    notes : list of str
+        What to know of the bag: which of its flights was read, what of the graph could not be.
     aircraft : str
         Namespace of the graph's topics (several: with commas between); empty for none.
     """
@@ -244,6 +91,8 @@ class Bag:
     refused: dict[str, int] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     foreign: list[str] = field(default_factory=list)
+    flights: int = 1
+    notes: list[str] = field(default_factory=list)
     aircraft: str = ""
 
 
@@ -284,9 +133,8 @@ def _remarks(message: Any, namespaces: Collection[str]) -> list[Remark]:
 class _Collector:
     """Fills a Bag message by message."""
 
-    def __init__(self, datum: Datum | None, kept: Kept) -> None:
+    def __init__(self, datum: Datum | None) -> None:
         self.bag = Bag()
-        self._kept = kept
         self.namespaces: frozenset[str] = frozenset()
         self.start_ns, self._end_ns, self._in_flight_time = 0, 0, False
         self._store = get_typestore(Stores.ROS2_JAZZY)
@@ -313,7 +161,6 @@ class _Collector:
     def take(self, name: str, bag_ns: int, raw: bytes) -> None:
         """One message of the graph, and the bag's time of it."""
         self._end_ns = max(self._end_ns, bag_ns)
-        self._kept.keep(len(raw) * (_REMARK_COST if name == topics.DIAGNOSTICS else 1))
         try:
             if name == topics.REFERENCE:
                 message = self._deserialized(name, raw)
@@ -330,7 +177,7 @@ class _Collector:
                 if name == topics.TRUTH_ODOM:
                     self._sums.append(checksum(raw))
         except MessageError as error:
-            self._refuse(name, 1, str(error).removeprefix(f"{name}: "))
+            self.refuse(name, 1, str(error).removeprefix(f"{name}: "))
 
     def _deserialized(self, name: str, raw: bytes) -> Any:
         try:
@@ -340,7 +187,8 @@ class _Collector:
             problem = f"cannot be deserialised: {reason(error)}"
             raise MessageError(problem, MessageCause.UNREADABLE, topic=name) from error
 
-    def _refuse(self, name: str, count: int, why: str) -> None:
+    def refuse(self, name: str, count: int, why: str) -> None:
+        """Count messages of a topic that could not be used."""
         self.bag.reasons.setdefault(name, why)
         self.bag.refused[name] = self.bag.refused.get(name, 0) + count
 
@@ -379,13 +227,13 @@ class _Collector:
             if not fits.all():
                 at, stamp = times[np.argmin(fits)] / NS_PER_S
                 why = f"stamped {stamp:.2f} s, recorded at {at:.2f} s"
-                self._refuse(name, int(np.count_nonzero(~fits)), why)
+                self.refuse(name, int(np.count_nonzero(~fits)), why)
             stamps, array = times[fits, 1], array[fits]
             order = np.argsort(stamps, kind="stable")
             sums = None
             if name == topics.TRUTH_ODOM:
                 sums = np.frombuffer(b"".join(self._sums), SUM)[fits][order]
-            self.bag.streams[name] = Stream(stamps[order], array[order], sums)
+            self.bag.streams[name] = self._once(name, Stream(stamps[order], array[order], sums))
         self.bag.remarks = [
             remark
             if self._fits(topics.DIAGNOSTICS, bag_ns, remark.stamp_ns)
@@ -397,6 +245,20 @@ class _Collector:
             self.bag.references = [(way.start_ns, way) for _, way in self.bag.references]
         self._date_references()
         return self.bag
+
+    def _once(self, name: str, stream: Stream) -> Stream:
+        """A stream without messages that are in the bag twice, which are counted."""
+        again = np.zeros(stream.stamp_ns.size, dtype=bool)
+        if again.size:
+            again[1:] = stream.stamp_ns[1:] == stream.stamp_ns[:-1]
+            again[1:] &= (stream.rows[1:] == stream.rows[:-1]).all(axis=1)
+        if stream.sums is not None:
+            again[1:] &= stream.sums[1:] == stream.sums[:-1]
+        if not again.any():
+            return stream
+        self.bag.notes.append(f"{name}: {np.count_nonzero(again)} messages are in it twice")
+        sums = None if stream.sums is None else stream.sums[~again]
+        return Stream(stream.stamp_ns[~again], stream.rows[~again], sums)
 
     def _date_references(self) -> None:
         """Have references count from when they were followed, not from when they were recorded.
@@ -412,24 +274,6 @@ class _Collector:
                 self.bag.references[index] = followed_ns[key].pop(0), way
 
 
-def require_whole(path: Path) -> None:
-    """Raise BagError, in one line, for what is no bag or one that needs `heli bag repair`."""
-    if not path.exists():
-        raise BagError(f"{path}: does not exist", BagCause.MISSING)
-    try:
-        if path.is_dir() and not storage_files(path) and not listed_files(path):
-            sentence = f"{path}: not a readable bag: it holds neither .mcap nor .db3 files"
-            raise BagError(sentence, BagCause.NO_BAG)
-        if path.is_file() and not storage_of(path):
-            sentence = f"{path}: not a readable bag: neither folder nor .mcap nor .db3 file"
-            raise BagError(sentence, BagCause.NO_BAG)
-        problem = advice(path)
-    except OSError as error:
-        raise damage(path, error) from error
-    if problem:
-        raise BagError(f"{path}: not a readable bag: {problem}", BagCause.NOT_WHOLE)
-
-
 @contextlib.contextmanager
 def _uncollected() -> Iterator[None]:
     """Pause the search for cyclic garbage: it would look through all that is read, many times."""
@@ -442,7 +286,7 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
+def read_bag(path: str | Path, datum: Datum | None = None, flight: int | None = None) -> Bag:
     """Read a bag of the graph.
 
     Parameters
@@ -451,6 +295,8 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
         rosbag2 folder (MCAP or SQLite).
     datum : Datum, optional
         Origin for `gps/fix`; without it fixes are left out.
+    flight : int, optional
+        Which flight of a bag whose clock goes back, from 1 on; default: the last.
 
     Returns
     -------
@@ -459,49 +305,51 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
     Raises
     ------
     BagError
-        Not a bag, cut off, or unreadable: one line that names it.
+        Not a bag, cut off, or unreadable; no such flight: one line that names it.
     """
-    path = Path(path)
-    require_whole(path)
     with _uncollected():
-        return _read(path, datum)
+        return _read(Path(path), datum, flight)
 
 
-def _read(path: Path, datum: Datum | None) -> Bag:
-    """A bag that is whole; raises as `read_bag`."""
-    collector = _Collector(datum, Kept(path))
-    with contextlib.ExitStack() as stack:
-        try:
-            reader = stack.enter_context(budgeted(path))
-            reader.open()
-        except Exception as error:
-            raise damage(path, error) from error
-        stack.enter_context(contextlib.closing(reader))
-        names = {c.id: _graph_name(c.topic, c.msgtype) for c in named(path, reader.connections)}
+def _read(path: Path, datum: Datum | None, flight: int | None) -> Bag:
+    """As `read_bag`."""
+    collector = _Collector(datum)
+    with opened(path, flight) as reader:
+        names = {c.id: _graph_name(c.topic, c.msgtype) for c in reader.connections}
         collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
-        collector.bag.aircraft = ", ".join(sorted(collector.namespaces - {""}))
+        bag = collector.bag
+        bag.aircraft = ", ".join(sorted(collector.namespaces - {""}))
         collector.start_ns = reader.start_time
-        collector.bag.foreign = sorted(
-            c.topic
-            for c in reader.connections
-            if names[c.id] is None and _graph_name(c.topic, c.msgtype, topics.TOOLS) is None
+        bag.flights = len(reader.flights)
+        bag.foreign = sorted(
+            {
+                c.topic
+                for c in reader.connections
+                if names[c.id] is None and _graph_name(c.topic, c.msgtype, topics.TOOLS) is None
+            }
         )
-        for connection, bag_ns, raw in guarded(path, reader.messages()):
-            name = names[connection.id]
-            if name is not None:
-                try:
-                    collector.take(name, bag_ns, raw)
-                except FileError as error:
-                    raise damage(path, error) from error
-    return collector.finish()
-
-
-def named(path: Path, connections: Sequence[Connection]) -> Sequence[Connection]:
-    """The connections of a bag; BagError where one is none: metadata.yaml may say anything."""
-    for c in connections:
-        texts = (c.topic, c.msgtype, c.digest)
-        if not (all(isinstance(text, str) for text in texts) and isinstance(c.msgcount, int)):
-            fields = ", ".join(printable(repr(value)) for value in (*texts, c.msgcount))
-            sentence = f"{path}: not a readable bag: its list of topics is damaged: {fields}"
-            raise BagError(sentence, BagCause.DAMAGED)
-    return connections
+        wanted = []
+        for c in reader.connections:
+            name = names[c.id]
+            if name is None:
+                continue
+            why = reader.form(c)
+            if why and c.msgcount:
+                collector.refuse(name, c.msgcount, why)
+            elif not why:
+                wanted.append(c)
+        for connection, bag_ns, raw in reader.messages(wanted) if wanted else ():
+            name = str(names[connection.id])
+            reader.keep(raw, _REMARK_COST if name == topics.DIAGNOSTICS else 1)
+            collector.take(name, bag_ns, raw)
+        finished = collector.finish()
+        finished.notes = [
+            *reader.remarks,
+            *finished.notes,
+            *(str(row) for row in reader.lost([c for c in reader.connections if names[c.id]])),
+            *(
+                f"{name}: {count} messages cannot be used: {finished.reasons[name]}"
+                for name, count in finished.refused.items()
+            ),
+        ]
+    return finished

@@ -2,7 +2,6 @@
 """`heli bag repair`: a bag that was never closed, or cut off, into one that opens everywhere."""
 
 import contextlib
-import re
 import shutil
 import sqlite3
 import struct
@@ -22,13 +21,12 @@ from mcap.records import McapRecord
 from mcap.writer import MCAP0_MAGIC
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from heli_bags.reader import ABOVE, damage, listed_files, storage_files, trouble
+from heli_bags.bag_files import bounded_qos, check_database, in_order
+from heli_bags.opening import ABOVE, damage, listed_files, storage_files, trouble
 from heli_bags.storage import (
     MOST_DEFINITIONS,
     MOST_TOPICS,
     PACKED,
-    bounded_qos,
-    check_database,
     chunk_content,
     expand_file,
     expanded,
@@ -82,6 +80,8 @@ class State:
         Bytes at the end, or on damaged pages, that no message could be read from.
     damaged_chunks : int
         Chunks, or compressed messages, whose checksum or compression is wrong.
+    nameless : int
+        Messages of no topic of the bag, or that are no bytes.
     zstd : bool
         The chunks are compressed.
     """
@@ -89,6 +89,7 @@ class State:
     whole: bool = False
     lost_bytes: int = 0
     damaged_chunks: int = 0
+    nameless: int = 0
     zstd: bool = False
     notes: list[str] = field(default_factory=list)
 
@@ -143,7 +144,11 @@ class _McapRepair:
         if channel.id in self._channels:
             return
         schema = self._schemas.get(channel.schema_id)
-        name, text = (schema.name, schema.data.decode()) if schema else ("", "")
+        name, encoding, text = "", "", ""
+        if schema is not None:
+            # Of foreign recorders it may be no text: its bytes go through as they are.
+            name, encoding = schema.name, schema.encoding
+            text = schema.data.decode(errors="surrogateescape")
         self._texts.add(text)
         many = len(self._channels) >= MOST_TOPICS
         if many or sum(map(len, self._texts)) > MOST_DEFINITIONS:
@@ -154,7 +159,8 @@ class _McapRepair:
             text,
             channel.metadata.get("topic_type_hash", "") or type_hash(name, text),
             tuple(bounded_qos(channel.metadata.get("offered_qos_profiles", ""))),
-            schema is not None and schema.encoding == "ros2idl",
+            encoding,
+            channel.message_encoding,
         )
 
     def _take(self, opcode: int, data: bytes) -> Message | None:
@@ -164,8 +170,10 @@ class _McapRepair:
             self._schemas[record.id] = record
         elif isinstance(record, records.Channel):
             self._add(record)
-        elif isinstance(record, records.Message) and record.channel_id in self._channels:
-            return self._channels[record.channel_id], record.log_time, record.data
+        elif isinstance(record, records.Message):
+            if record.channel_id in self._channels:
+                return self._channels[record.channel_id], record.log_time, record.data
+            self.state.nameless += 1
         return None
 
     def _records(self, data: bytes) -> Iterator[Message]:
@@ -290,6 +298,8 @@ class _SqliteRepair:
                     newest = number if way == "ASC" else newest
                     if topic in channels and isinstance(raw, bytes):
                         yield channels[topic], stamp_ns, raw
+                    else:
+                        self.state.nameless += 1
                 return
             except sqlite3.DatabaseError as error:
                 self.state.whole = False
@@ -305,19 +315,22 @@ class _SqliteRepair:
         definitions: dict[str, dict[str, Any]] = {}
         with contextlib.suppress(sqlite3.OperationalError):
             definitions = {row["topic_type"]: row for row in table("message_definitions")}
-        if not database.execute("SELECT count(*) FROM metadata").fetchone()[0]:
-            self.state.whole = False
+        # Before Humble there was no such table, later a row is the last that is written.
+        with contextlib.suppress(sqlite3.OperationalError):
+            if not database.execute("SELECT count(*) FROM metadata").fetchone()[0]:
+                self.state.whole = False
         channels = {}
         for row in table("topics"):
             known = definitions.get(row["type"], {})
             text = known.get("encoded_message_definition", "")
             channels[row["id"]] = BagChannel(
-                str(row["name"]),
-                str(row["type"]),
+                str(row["name"] or ""),
+                str(row["type"] or ""),
                 str(text),
                 row.get("type_description_hash") or type_hash(row["type"], text),
                 tuple(bounded_qos(row.get("offered_qos_profiles", ""))),
-                known.get("encoding") == "ros2idl",
+                str(known.get("encoding", "")),
+                str(row.get("serialization_format") or "cdr"),
             )
         return channels
 
@@ -405,8 +418,8 @@ class Repair:
         Messages restored per topic.
     duration_s : float
         Time between the first and the last of them.
-    lost_bytes, damaged_chunks : int
-        What no message could be read from.
+    lost_bytes, damaged_chunks, nameless : int
+        What no message could be read from, and messages of no topic.
     notes : list of str
     """
 
@@ -417,6 +430,7 @@ class Repair:
     duration_s: float = 0.0
     lost_bytes: int = 0
     damaged_chunks: int = 0
+    nameless: int = 0
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -429,17 +443,11 @@ class Repair:
         return {**asdict(self), "messages": self.messages}
 
 
-def _order(path: Path) -> tuple[int, str]:
-    """Files of a split bag by their number."""
-    number = re.search(r"_(\d+)$", path.stem)
-    return (int(number.group(1)) if number else -1, path.name)
-
-
 def _files(bag: Path) -> list[Path]:
     """Storage files of a bag, listed ones first, in the order of writing."""
     if bag.is_file():
         return [bag]
-    files = sorted(storage_files(bag), key=_order)
+    files = sorted(storage_files(bag), key=in_order)
     listed = listed_files(bag)
     first = [bag / name for name in listed if bag / name in files]
     return [*first, *(path for path in files if path not in first)]
@@ -535,6 +543,7 @@ def repair(
     result = Repair(str(source), str(target), wrong or "damaged inside")
     result.lost_bytes = sum(state.lost_bytes for state in survey.states)
     result.damaged_chunks = damaged
+    result.nameless = sum(state.nameless for state in survey.states)
     result.notes = [note for state in survey.states for note in state.notes]
     storage = "sqlite3" if storage_of(files[0]) == ".db3" else "mcap"
     form = Format(storage, storage == "mcap" and any(state.zstd for state in survey.states))

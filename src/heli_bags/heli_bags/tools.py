@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any rosbag2 bag: opened with one-line errors, listed, its messages as tables. No rclpy."""
 
-import contextlib
 import csv
 import dataclasses
 import json
 import math
 import struct
 from array import array
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,15 +15,18 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.reader import damage, guarded, named, require_whole, storage_files
-from heli_bags.storage import Kept, budgeted, checked_message, storage_of
+from heli_bags.opening import (
+    BagReader,
+    bag_of,
+    chosen,
+    opened,
+    require_readable,
+    storage_files,
+)
+from heli_bags.storage import storage_of
 from heli_bags.writer import BagCause, BagError, reason
-from heli_core.foreign_files import FileError
-from heli_core.rcl_yaml import printable
 
 # -------------------------------------------------------------------------------------------------
 # Messages as plain data, as text like `ros2 topic echo`, as one level of fields. No rclpy.
@@ -148,120 +150,6 @@ def _flatten(value: Any, name: str, fields: dict[str, Any]) -> None:
 # -------------------------------------------------------------------------------------------------
 
 
-def bag_of(path: Path) -> Path:
-    """The bag of a flight's folder, or the path itself."""
-    return path / "bag" if (path / "bag").is_dir() else path
-
-
-class BagReader:
-    """An open bag; whatever the library raises on damaged bytes is a BagError.
-
-    Attributes
-    ----------
-    connections : list of Connection
-        Topics.
-    message_count, start_time, end_time : int
-        Messages; stamps of the bag, ns, of the first and behind the last.
-    """
-
-    def __init__(self, path: Path, reader: AnyReader) -> None:
-        self._path, self._reader, self._kept = path, reader, Kept(path)
-        try:
-            self.connections = list(reader.connections)
-            self.message_count = reader.message_count
-            self.start_time, self.end_time = reader.start_time, reader.end_time
-        except Exception as error:
-            raise damage(path, error) from error
-        named(path, self.connections)
-        numbers: tuple[Any, ...] = (self.message_count, self.start_time, self.end_time)
-        for number in numbers:
-            if not isinstance(number, int):
-                problem = f"{printable(repr(number))} is no number of messages and no time"
-                raise BagError(f"{path}: not a readable bag: {problem}", BagCause.DAMAGED)
-
-    @property
-    def duration(self) -> int:
-        """Time between the first message and behind the last, ns."""
-        return self.end_time - self.start_time
-
-    def messages(
-        self,
-        connections: Collection[Connection] = (),
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Connection, stamp of the bag (ns), bytes; in the order of the stamps."""
-        return guarded(self._path, self._reader.messages(connections, start, stop))
-
-    def keep(self, raw: bytes) -> None:
-        """Count a message of which something is kept; BagError if the bag expands to too much."""
-        try:
-            self._kept.keep(len(raw))
-        except FileError as error:
-            raise damage(self._path, error) from error
-
-    def deserialize(self, raw: bytes, type_name: str) -> Any:
-        """The message object."""
-        try:
-            return self._reader.deserialize(checked_message(raw), type_name)
-        except Exception as error:
-            raise damage(self._path, error) from error
-
-
-@contextlib.contextmanager
-def opened(path: Path) -> Iterator[BagReader]:
-    """Reader of a bag, whoever recorded it.
-
-    Parameters
-    ----------
-    path : Path
-        rosbag2 folder, one of its files, or a flight's folder with `bag/`.
-
-    Raises
-    ------
-    BagError
-        Not a bag, cut off, or unreadable: one line that names it.
-    """
-    path = bag_of(path)
-    require_whole(path)
-    with contextlib.ExitStack() as stack:
-        try:
-            files = stack.enter_context(budgeted(path))
-            reader = AnyReader([files.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            reader.readers = [files]
-            reader.open()
-        except Exception as error:
-            raise damage(path, error) from error
-        stack.enter_context(contextlib.closing(reader))
-        yield BagReader(path, reader)
-
-
-def chosen(
-    reader: BagReader, path: Path, names: Sequence[str] = (), exclude: Sequence[str] = ()
-) -> list[Connection]:
-    """Connections of the named topics, of all if none is named.
-
-    Raises
-    ------
-    BagError
-        The bag has no such topic.
-    """
-    present = {c.topic for c in reader.connections}
-
-    def full(name: str) -> str:
-        for candidate in (name, f"/{name}"):
-            if candidate in present:
-                return candidate
-        raise BagError(
-            f"{bag_of(path)}: holds no topic {name}; it holds {', '.join(sorted(present))}",
-            BagCause.TOPIC,
-        )
-
-    wanted = {full(name) for name in names} or present
-    left_out = {full(name) for name in exclude}
-    return [c for c in reader.connections if c.topic in wanted - left_out]
-
-
 @dataclass(frozen=True)
 class TopicInfo:
     """One topic of a bag."""
@@ -273,11 +161,17 @@ class TopicInfo:
     hash: str
     reliability: str
     durability: str
+    unreadable: str
+    """Why its messages cannot be taken apart; empty if they can."""
 
 
 @dataclass(frozen=True)
 class BagInfo:
-    """What a bag holds: see the attributes' names; times are stamps of the bag in seconds."""
+    """What a bag holds: see the attributes' names; times are stamps of the bag in seconds.
+
+    `flights` are begin and end of each flight, several if its clock goes back; start and duration
+    are those of the last. `missing` says which messages are listed and not there.
+    """
 
     path: str
     storage: str
@@ -287,6 +181,8 @@ class BagInfo:
     duration_s: float
     messages: int
     topics: list[TopicInfo]
+    flights: list[tuple[float, float]]
+    missing: list[str]
 
 
 def bag_info(path: Path) -> BagInfo:
@@ -314,6 +210,7 @@ def bag_info(path: Path) -> BagInfo:
                     connection.digest,
                     profiles[0].reliability.name.lower() if profiles else "",
                     profiles[0].durability.name.lower() if profiles else "",
+                    reader.obstacle(connection),
                 )
             )
         return BagInfo(
@@ -325,13 +222,45 @@ def bag_info(path: Path) -> BagInfo:
             span_s,
             count,
             rows,
+            [(f.start_ns / 1e9, (f.end_ns - 1) / 1e9) for f in reader.flights] if count else [],
+            list(map(str, reader.lost(reader.connections))),
         )
 
 
+def readable(reader: BagReader, path: Path, names: Sequence[str] = ()) -> list[Connection]:
+    """Topics whose messages can be taken apart: the named ones, else all.
+
+    Raises
+    ------
+    BagError
+        The bag has no such topic, or one that is named cannot be read.
+    """
+    require_readable(reader, path, names)
+    return [c for c in chosen(reader, path, names) if not reader.obstacle(c)]
+
+
 def bag_messages(
-    path: Path, names: Sequence[str] = (), limit: int | None = None
+    path: Path,
+    names: Sequence[str] = (),
+    limit: int | None = None,
+    flight: int | None = None,
+    shortfall: list[str] | None = None,
 ) -> Iterator[tuple[str, str, int, Any]]:
     """Deserialised messages in the order of their stamps.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    names : sequence of str
+        Topics; all that can be read if empty.
+    limit : int, optional
+        How many at most.
+    flight : int, optional
+        Which flight, from 1 on; default: the last.
+    shortfall : list of str, optional
+        Gets, at the end, why less was read than the bag lists; without it a message that cannot
+        be taken apart is an error.
 
     Yields
     ------
@@ -342,12 +271,45 @@ def bag_messages(
     ------
     BagError
     """
-    with opened(path) as reader:
-        connections = chosen(reader, path, names)
-        for done, (c, stamp_ns, raw) in enumerate(reader.messages(connections=connections)):
+    with opened(path, flight) as reader:
+        connections, done = readable(reader, path, names), 0
+        for c, stamp_ns, raw in reader.messages(connections) if connections else ():
             if limit is not None and done >= limit:
                 return
-            yield c.topic, c.msgtype, stamp_ns, reader.deserialize(raw, c.msgtype)
+            message = taken_apart(reader, c, raw, shortfall is None)
+            if message is not None:
+                done += 1
+                yield c.topic, c.msgtype, stamp_ns, message
+        short = _shortfall(reader, path, names, done)
+        if shortfall is not None:
+            shortfall += short
+
+
+def _shortfall(reader: BagReader, path: Path, names: Sequence[str], done: int) -> list[str]:
+    """Why less was read than the bag lists; BagError where that is nothing at all."""
+    connections = chosen(reader, path, names)
+    unread = reader.unread(connections)
+    if unread and not done:
+        sentence = f"{bag_of(path)}: nothing of it can be read: {unread[0]}"
+        raise BagError(sentence, BagCause.NOTHING_LEFT)
+    return reader.shortfall(connections)
+
+
+def taken_apart(reader: BagReader, connection: Connection, raw: bytes, strict: bool) -> Any:
+    """The message object; None, and counted, where it cannot be, unless that is an error.
+
+    Raises
+    ------
+    BagError
+        It is strict, or the message is above the budget.
+    """
+    try:
+        return reader.deserialize(connection, raw)
+    except BagError as error:
+        if strict or error.cause == BagCause.TOO_LARGE:
+            raise
+        reader.lose(connection, error)
+        return None
 
 
 def write_csv(
@@ -355,6 +317,8 @@ def write_csv(
     folder: Path,
     names: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, total: None,
+    flight: int | None = None,
+    shortfall: list[str] | None = None,
 ) -> dict[str, int]:
     """Write one CSV file per topic: stamp of the bag (ns), then every field of the message.
 
@@ -368,9 +332,14 @@ def write_csv(
     folder : Path
         An existing folder.
     names : sequence of str
-        Topics; all if empty.
+        Topics; all that can be read if empty.
     progress : callable
         Gets messages done and in all.
+    flight : int, optional
+        Which flight, from 1 on; default: the last.
+    shortfall : list of str, optional
+        Gets why there are fewer rows than the bag lists; without it a message that cannot be taken
+        apart is an error.
 
     Returns
     -------
@@ -381,31 +350,35 @@ def write_csv(
     ------
     BagError
     """
-    with opened(path) as reader:
-        connections = chosen(reader, path, names)
+    with opened(path, flight) as reader:
+        connections = readable(reader, path, names)
         total = sum(c.msgcount for c in connections)
         tables: dict[str, _Table] = {}
         try:
-            for done, (c, stamp_ns, raw) in enumerate(reader.messages(connections=connections), 1):
+            rows = reader.messages(connections) if connections else ()
+            for done, (c, stamp_ns, raw) in enumerate(rows, 1):
+                message = taken_apart(reader, c, raw, shortfall is None)
+                progress(done, total)
+                if message is None:
+                    continue
                 table = tables.get(c.topic)
                 if table is None:
                     name = c.topic.strip("/").replace("/", "__") + ".csv"
                     table = tables[c.topic] = _Table(folder / name)
                 try:
-                    fields = flatten(reader.deserialize(raw, c.msgtype))
+                    table.add(stamp_ns, flatten(message))
                 except BagError as error:
-                    if error.cause != BagCause.TOO_LARGE:
-                        raise
                     sentence = f"{error}; it is on {c.topic}: name the topics to be written"
                     raise BagError(sentence, error.cause) from error
-                table.add(stamp_ns, fields)
-                progress(done, total)
         except OSError as error:
             sentence = f"{folder}: cannot be written: {reason(error)}"
             raise BagError(sentence, BagCause.UNWRITABLE) from error
         finally:
             for table in tables.values():
                 table.close()
+        short = _shortfall(reader, path, names, len(tables))
+        if shortfall is not None:
+            shortfall += short
     return {table.path.name: table.rows for table in tables.values()}
 
 

@@ -36,7 +36,9 @@ from rosbags.rosbag2.storage_mcap import (
     Channel,
     McapWriter,
     PendingChunk,
+    Schema,
     write_channel,
+    write_schema,
     write_string,
 )
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
@@ -143,6 +145,18 @@ _MESSAGE, _MESSAGE_RECORD, _IN_RECORD = struct.Struct("<BQHIQQ"), 0x05, 2 + 4 + 
 _CHUNK_BYTES = 2**20
 
 
+def _form(connection: Connection) -> str:
+    """In what form its messages are."""
+    return cast(ConnectionExtRosbag2, connection.ext).serialization_format
+
+
+class _Text(str):
+    """A definition that may be no text: its bytes come back as they were read."""
+
+    def encode(self, encoding: str = "utf-8", errors: str = "surrogateescape") -> bytes:
+        return super().encode(encoding, errors)
+
+
 class McapFile(McapWriter):
     """One MCAP file, whole after every `flush` up to its index.
 
@@ -168,6 +182,13 @@ class McapFile(McapWriter):
         """Bytes of the file with what is not written yet."""
         return int(self.bio.tell()) + self.chunk.bio.tell()
 
+    def add_msgtype(self, connection: Connection, encoding: str = "ros2msg") -> None:
+        """Add a schema in an encoding of MCAP's registry, with the bytes that it had."""
+        text = _Text(connection.msgdef.data)
+        schema = Schema(len(self.schemas) + 1, connection.msgtype, encoding, text)
+        self.schemas.append(schema)
+        write_schema(self.chunk.bio, schema)
+
     def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
         """Add a channel with its QoS and type hash, as rosbag2 of Jazzy writes it."""
         metadata = BytesIO()
@@ -176,7 +197,11 @@ class McapFile(McapWriter):
         write_string(metadata, "topic_type_hash")
         write_string(metadata, connection.digest)
         channel = Channel(
-            connection.id, connection.msgtype, connection.topic, "cdr", metadata.getvalue()
+            connection.id,
+            connection.msgtype,
+            connection.topic,
+            _form(connection),
+            metadata.getvalue(),
         )
         self.channels.append(channel)
         self.channel_stats[connection.id] = 0
@@ -287,6 +312,14 @@ class SqliteFile(Sqlite3Writer):
         self.size = 0
         self._stats: dict[int, int] = defaultdict(int)
         self._safe: dict[int, int] = {}
+
+    def add_msgtype(self, connection: Connection, encoding: str = "ros2msg") -> None:
+        """Add a definition in an encoding of rosbag2."""
+        self.cursor.execute(
+            "INSERT INTO message_definitions (topic_type, encoding, encoded_message_definition,"
+            " type_description_hash) VALUES(?, ?, ?, ?)",
+            (connection.msgtype, encoding, connection.msgdef.data, connection.digest),
+        )
 
     def write(self, connection: Connection, timestamp: int, data: Any) -> None:
         """Write a message."""
@@ -428,14 +461,18 @@ class Format:
 
 @dataclass(frozen=True)
 class BagChannel:
-    """One topic of a bag: full name, type, definition (ros2msg or ros2idl), hash, QoS."""
+    """One topic of a bag: full name, type, definition, hash, QoS; how both are encoded.
+
+    `schema` is the encoding of the definition, `form` that of the messages.
+    """
 
     topic: str
     type: str
     definition: str
     hash: str
     qos: tuple[Qos, ...] = ()
-    idl: bool = False
+    schema: str = "ros2msg"
+    form: str = "cdr"
 
 
 @dataclass
@@ -490,6 +527,7 @@ class BagFolder:
             sentence = f"{folder}: exists already; a bag needs a new folder"
             raise BagError(sentence, BagCause.EXISTS)
         self._connections = [self._connection(i + 1, c) for i, c in enumerate(channels)]
+        self._schemas = [channel.schema for channel in channels]
         self._parts: list[_Part] = []
         self._file: StorageFile | None = None
         self._unflushed_bytes = 0
@@ -505,15 +543,14 @@ class BagFolder:
             raise BagError(sentence, BagCause.UNWRITABLE) from error
 
     def _connection(self, number: int, channel: BagChannel) -> Connection:
-        kind = MessageDefinitionFormat.IDL if channel.idl else MessageDefinitionFormat.MSG
         return Connection(
             number,
             channel.topic,
             channel.type,
-            MessageDefinition(kind, channel.definition),
+            MessageDefinition(MessageDefinitionFormat.NONE, channel.definition),
             channel.hash,
             0,
-            ConnectionExtRosbag2("cdr", list(channel.qos)),
+            ConnectionExtRosbag2(channel.form, list(channel.qos)),
             self,
         )
 
@@ -525,9 +562,9 @@ class BagFolder:
         file = McapFile(path, self.form.zstd) if mcap else SqliteFile(path)
         self._file = file
         known: set[str] = set()
-        for connection in self._connections:
+        for connection, schema in zip(self._connections, self._schemas, strict=True):
             if connection.msgtype not in known:
-                file.add_msgtype(connection)
+                file.add_msgtype(connection, schema)
                 known.add(connection.msgtype)
             profiles = dump_qos_v9(_profiles(connection))
             file.add_connection(connection, yaml.safe_dump(profiles, sort_keys=False).strip())
@@ -662,7 +699,7 @@ class BagFolder:
                     "topic_metadata": {
                         "name": c.topic,
                         "type": c.msgtype,
-                        "serialization_format": "cdr",
+                        "serialization_format": _form(c),
                         "offered_qos_profiles": dump_qos_v9(_profiles(c)),
                         "type_description_hash": c.digest,
                     },
@@ -800,13 +837,13 @@ def _installed(type_name: str) -> Path | None:
     return None
 
 
-def _named_in(description: Any) -> set[str]:
+def named_in(description: Any) -> set[str]:
     """Message types that a field's description names, at any depth."""
     kind, content = description
     if kind.name == "NAME":
         return {content}
     if kind.name in ("ARRAY", "SEQUENCE"):
-        return _named_in(content[0])
+        return named_in(content[0])
     return set()
 
 
@@ -842,7 +879,7 @@ class Definitions:
             definitions.update(types)
             for _, fields in types.values():
                 for _, description in fields:
-                    wanted |= _named_in(description)
+                    wanted |= named_in(description)
         if definitions:
             self.store.register(definitions)
 

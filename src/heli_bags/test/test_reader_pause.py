@@ -6,7 +6,7 @@ import gc
 import numpy as np
 import pytest
 
-from heli_bags import reader
+from heli_bags import opening
 from heli_bags.reader import read_bag
 from heli_bags.writer import BagError, BagRecorder
 from heli_core.ticks import TICK_NS
@@ -32,12 +32,12 @@ def collecting(monkeypatch):
     """Whether garbage was searched for at each message."""
     states = []
 
-    def watched(path, items, guarded=reader.guarded):
+    def watched(path, items, guarded=opening.guarded):
         for item in guarded(path, items):
             states.append(gc.isenabled())
             yield item
 
-    monkeypatch.setattr(reader, "guarded", watched)
+    monkeypatch.setattr(opening, "guarded", watched)
     return states
 
 
@@ -58,7 +58,7 @@ def test_it_is_as_before_when_reading_fails(bag, before, monkeypatch):
     def broken(*_):
         raise BagError("broken")
 
-    monkeypatch.setattr(reader, "guarded", broken)
+    monkeypatch.setattr(opening, "guarded", broken)
     with pytest.raises(BagError, match="broken"):
         read_bag(bag)
     assert gc.isenabled() == before

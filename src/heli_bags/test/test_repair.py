@@ -18,7 +18,8 @@ from rosbags.rosbag2 import (
 )
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.reader import TroubleKind, read_bag, trouble, trouble_of
+from heli_bags.opening import TroubleKind, trouble, trouble_of
+from heli_bags.reader import read_bag
 from heli_bags.repair import repair
 from heli_bags.tools import bag_info
 from heli_bags.writer import METADATA, BagCause, BagError, BagRecorder, Format

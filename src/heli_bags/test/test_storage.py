@@ -9,7 +9,8 @@ import pytest
 import yaml
 import zstandard
 
-from heli_bags.reader import read_bag, trouble_of
+from heli_bags.opening import trouble_of
+from heli_bags.reader import read_bag
 from heli_bags.repair import repair
 from heli_bags.storage import chunk_content, expand_file, expanded
 from heli_bags.tools import bag_info, bag_messages, write_csv

@@ -6,6 +6,7 @@ graph bag/, logs/ and graph.yaml, of one of this process record.npz.
 """
 
 import shutil
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -62,8 +63,8 @@ COMPILES = (
 )
 
 
-def tell_if_it_compiles(say: Console, own_laws: bool = False, kernel: Any = None) -> None:
-    """Say so if a flight in this process would compile the loop.
+def tell_if_it_compiles(say: Console, own_laws: bool = False, kernel: Any = None) -> bool:
+    """Say so if a flight in this process would compile the loop; whether it would.
 
     Parameters
     ----------
@@ -76,8 +77,35 @@ def tell_if_it_compiles(say: Console, own_laws: bool = False, kernel: Any = None
     from heli_flight.loop import act, fly_ticks
 
     kernel = kernel or (act if own_laws else fly_ticks)
-    if not getattr(kernel, "signatures", True) and not is_compiled(kernel):
+    compiles = not getattr(kernel, "signatures", True) and not is_compiled(kernel)
+    if compiles:
         say.print(COMPILES, highlight=False, soft_wrap=True, markup=False)
+    return compiles
+
+
+STILL_S = 10.0
+"""Wall time after which is told that it still compiles: without a cache that takes minutes."""
+
+
+@contextmanager
+def still_compiling(say: Console, compiles: bool) -> Iterator[Callable[[], None]]:
+    """Say every `STILL_S` that it still compiles, until the function that it gives is called."""
+    done, begun_s = threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        while not done.wait(STILL_S):
+            line = f"heli: still compiling, {time.monotonic() - begun_s:.0f} s"
+            say.print(line, highlight=False, markup=False)
+
+    teller = threading.Thread(target=tell, daemon=True)
+    if compiles:
+        teller.start()
+    try:
+        yield done.set
+    finally:
+        done.set()
+        if compiles:
+            teller.join()
 
 
 NODES_COMPILE = (
@@ -86,17 +114,19 @@ NODES_COMPILE = (
 )
 
 
-def tell_what_slows_nodes(say: Console) -> None:
+def tell_what_slows_nodes(say: Console) -> bool:
     """Say so if a flight through the graph has to compile its nodes first (with another HOME than
-    set-up's, or changed sources), or if they have no shared memory."""
+    set-up's, or changed sources), or if they have no shared memory; whether it compiles."""
     from heli_dynamics_sim.plant import advance
     from heli_observer.observer import step
 
-    if not (is_compiled(advance) and is_compiled(step)):
+    compiles = not (is_compiled(advance) and is_compiled(step))
+    if compiles:
         say.print(NODES_COMPILE, highlight=False, soft_wrap=True, markup=False)
     if not has_shared_memory():
         words = f"{SHARED_MEMORY} cannot be written to: messages go over UDP, which takes longer"
         say.print(words, highlight=False, soft_wrap=True, markup=False)
+    return compiles
 
 
 # -------------------------------------------------------------------------------------------------
@@ -139,10 +169,10 @@ def fly_one_process(
     from heli_flight.loop import fly_settings
 
     flies_python = bool(laws or parts or own_laws(settings))
-    tell_if_it_compiles(out, flies_python)
-    if not flies_python:
-        # Loads the compiled loop, so that flying is timed.
-        fly_settings(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
+    with still_compiling(out, tell_if_it_compiles(out, flies_python)):
+        if not flies_python:
+            # Loads the compiled loop, so that flying is timed.
+            fly_settings(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
     start = time.monotonic()
     with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
         flight = fly_settings(settings, laws, progress, parts)
@@ -488,11 +518,11 @@ def _flown_together(
         write_parameters(aircraft_settings, folder.path / name / NAME)
     check_middleware()
     start_server()
-    tell_what_slows_nodes(out)
+    compiles = tell_what_slows_nodes(out)
     from heli_flight.graph.flight import fly_several
 
     interrupts.check()
-    with _in_flight(settings["heli1"], folder, out) as progress:
+    with _in_flight(settings["heli1"], folder, out, compiles) as progress:
         outcomes = fly_several(settings, folder.path, progress, _say(out), order.composed)
     return {
         name: UnwrittenFlight(r, extra, f.record, f.remarks)
@@ -521,12 +551,12 @@ def _flown(
         return fly_one_process(settings, out)
     check_middleware()
     start_server()
-    tell_what_slows_nodes(out)
+    compiles = tell_what_slows_nodes(out)
     from heli_flight.graph.flight import fly_graph
 
     interrupts.check()
     live = live_view(order.live, settings) if order.live else None
-    with _in_flight(settings, folder, out) as progress:
+    with _in_flight(settings, folder, out, compiles) as progress:
         result, extra, flight = fly_graph(
             settings, folder.path, progress, live, _say(out), order.composed, order.respawn
         )
@@ -535,13 +565,16 @@ def _flown(
 
 @contextmanager
 def _in_flight(
-    settings: Settings, folder: NewFolder, out: Console
+    settings: Settings, folder: NewFolder, out: Console, compiles: bool
 ) -> Iterator[Callable[[float], None]]:
     """Progress of a graph's flight; there is something to keep once a helicopter flies."""
-    with flight_time(out, seconds(settings.scenario.n_ticks)) as bar:
+    length_s = seconds(settings.scenario.n_ticks)
+    with still_compiling(out, compiles) as flies, flight_time(out, length_s) as bar:
 
         def note(flight_s: float) -> None:
-            folder.stays = folder.stays or flight_s > 0.0
+            if flight_s > 0.0:
+                folder.stays = True
+                flies()
             bar(flight_s)
 
         try:

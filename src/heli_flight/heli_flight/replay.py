@@ -18,10 +18,11 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_bags.reader import Bag, Remark, Stream, listed_files, read_bag, storage_files, trouble
+from heli_bags.opening import listed_files, storage_files, trouble
+from heli_bags.reader import Bag, Remark, Stream, read_bag
 from heli_bags.repair import repair
 from heli_bags.storage import storage_of
-from heli_bags.writer import BagError
+from heli_bags.writer import BagCause, BagError
 from heli_core.errors import FlightError
 from heli_core.rotations import quat_to_R_nb
 from heli_core.rows import NAV, PLANT, REFERENCE
@@ -134,7 +135,10 @@ def _place_of(path: Path) -> FlightPlace:
 
 
 def bag_at(
-    path: Path, settings: Settings, progress: Callable[[int, int], None]
+    path: Path,
+    settings: Settings,
+    progress: Callable[[int, int], None],
+    flight: int | None = None,
 ) -> tuple[Bag, Sequence[str]]:
     """A bag's content, and what to know of it; of one that was cut off, what can be restored.
 
@@ -146,6 +150,8 @@ def bag_at(
         Give the origin of fixes.
     progress : callable
         Told messages done and in all while a bag is restored.
+    flight : int, optional
+        Which flight of a bag whose clock goes back, from 1 on; default: the last.
 
     Raises
     ------
@@ -161,28 +167,33 @@ def bag_at(
     wrong = trouble(path)
     if not wrong:
         try:
-            bag = read_bag(path, origin)
+            bag = read_bag(path, origin, flight)
         except BagError as error:
+            if error.cause == BagCause.OPTION:
+                raise
             # Its file has begin and end; what lies between may still be restored in parts.
             wrong = str(error).removeprefix(f"{path}: ")
     if wrong:
-        bag, more = _restored(path, origin, progress)
+        bag, more = _restored(path, origin, progress, flight)
         notes.append(f"The bag is not whole ({wrong}): shown is what could be restored{more}.")
+    notes += [f"The bag: {note}." for note in bag.notes]
     _refuse_none(path, bag)
     if "," in bag.aircraft:
         raise FlightError(f"{path}: holds several aircraft ({bag.aircraft}): a replay shows one")
     return bag, notes
 
 
-def _restored(path: Path, origin: Datum, progress: Callable[[int, int], None]) -> tuple[Bag, str]:
+def _restored(
+    path: Path, origin: Datum, progress: Callable[[int, int], None], flight: int | None
+) -> tuple[Bag, str]:
     """What can be restored of a damaged bag, in a copy that is gone again, and what is lost."""
     with tempfile.TemporaryDirectory(prefix="heli_replay_") as folder:
         copy = Path(folder) / "bag"
         done = repair(path, copy, progress=progress)
         try:
-            bag = read_bag(copy if done else path, origin)
+            bag = read_bag(copy if done else path, origin, flight)
         except BagError as error:
-            raise BagError(str(error).replace(str(copy), str(path))) from None
+            raise BagError(str(error).replace(str(copy), str(path)), error.cause) from None
     lost = done.lost_bytes if done else 0
     return bag, f", {lost} bytes hold no whole message" if lost else ""
 
@@ -488,7 +499,8 @@ def replay_of(
     """
     place = place_of(path)
     result_json, settings, is_known = with_process_events(place.beside, choice)
-    recording, notes = _recorded(place, settings, result_json, is_known, progress)
+    which = None if choice is None else choice.flight
+    recording, notes = _recorded(place, settings, result_json, is_known, progress, which)
     if not is_known:
         notes.append(
             "No params.yaml beside the record and none given: scenario, limits and scored windows "
@@ -513,6 +525,7 @@ def _recorded(
     result_json: dict[str, Any],
     is_known: bool,
     progress: Progress,
+    flight: int | None,
 ) -> tuple[FlightRecording, list[str]]:
     start_ns = stamp_at(settings.nodes["plant"]["start_time_s"])
     values = live_view(LiveOrder(), settings).parameters
@@ -529,7 +542,7 @@ def _recorded(
             return FlightRecording(
                 streams, remarks, references, start_ns, values["stale_s"], windows
             ), []
-        bag, notes = bag_at(place.record, settings, progress)
+        bag, notes = bag_at(place.record, settings, progress, flight)
         first_ns = min(int(s.stamp_ns[0]) for s in bag.streams.values() if s.stamp_ns.size)
         if not is_known and not 0 <= first_ns - start_ns <= _ASSUMED_NS:
             start_ns = first_ns

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who flies in one process is told if the loop has to be compiled first, and only then."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -75,3 +76,23 @@ def test_a_flight_through_the_graph_says_that_its_nodes_are_compiled(cold):
     cold()
     compiles.tell_what_slows_nodes(out)
     assert lines == [compiles.NODES_COMPILE]
+
+
+def test_it_is_said_again_until_the_flight_has_begun(monkeypatch):
+    """Without a cache that can be written it takes minutes; nobody is left without a word."""
+    monkeypatch.setattr(compiles, "STILL_S", 1e-3)
+    lines, thrice = [], threading.Event()
+
+    def heard(line, **how):
+        lines.append(line)
+        if len(lines) == 3:
+            thrice.set()
+
+    out = SimpleNamespace(print=heard)
+    with compiles.still_compiling(out, True) as flies:
+        assert thrice.wait(60.0)
+        flies()
+    count = len(lines)
+    assert all(line.startswith("heli: still compiling, ") for line in lines)
+    with compiles.still_compiling(out, False):
+        assert len(lines) == count

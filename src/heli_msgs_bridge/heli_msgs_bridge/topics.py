@@ -282,6 +282,9 @@ def message_class(type_name: str) -> Any:
     from importlib import import_module
 
     package, _, name = type_name.partition("/msg/")
+    if not (package.isidentifier() and name.isidentifier()):
+        # A bag may say anything.
+        raise LookupError(f"{type_name!r:.80} is no message type")
     try:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:

@@ -809,6 +809,7 @@ def identify(
         Path | None, typer.Option(metavar="BAG", help="bag of identify_gusts (default: fly it)")
     ] = None,
     aircraft: Aircraft = None,
+    flight: common.FlightNumber = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")] = None,
     gps: Gps = None,
     gamma_factor: Annotated[
@@ -832,8 +833,9 @@ def identify(
     from heli_studies.identify_report import execute
 
     wanted = command.IdentifyOrder(
-        actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process
-    )
+        actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process,
+        flight=flight,
+    )  # fmt: skip
     outcome = execute(wanted, out)
     if as_json:
         print((out / command.JSON).read_text(encoding="utf-8"), end="")
@@ -893,8 +895,13 @@ def score(
         ),
     ] = None,
     scale: Annotated[
-        str, typer.Option(metavar="SCALE", help="bounds: full, or froude for a small rotor")
-    ] = "full",
+        str | None,
+        typer.Option(
+            metavar="SCALE",
+            help="bounds: full, or froude for a small rotor (default: of a manoeuvre that "
+            "params.yaml says, its own; else full)",
+        ),
+    ] = None,
     rotor_diameter: Annotated[
         float | None,
         typer.Option(metavar="M", help="for --scale froude (default: the flight's aircraft)"),
@@ -928,6 +935,7 @@ def score(
     ground: Annotated[
         float, typer.Option(metavar="M", help="height of the ground in the topic's frame")
     ] = 0.0,
+    which: common.FlightNumber = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="picture to write: .png, .svg or .pdf")
     ] = None,
@@ -944,7 +952,7 @@ def score(
         from heli_studies.handling import check_picture
 
         check_picture(plot)
-    wanted = ScoreOrder(flight, odom, start, end, target, ground)
+    wanted = ScoreOrder(flight, odom, start, end, target, ground, which)
     written = f"written: {plot}" if plot else ""
     if mte is None:
         from heli_studies import handling as swept

@@ -31,7 +31,8 @@ from heli_analysis.handling.scoring import (
     resampled,
     score,
 )
-from heli_bags.tools import BagReader, bag_of, chosen, flatten, opened
+from heli_bags.opening import BagReader, bag_of, chosen, opened
+from heli_bags.tools import flatten
 from heli_bags.writer import BagError
 from heli_core.coverage import Coverage, Span, coverage_of, least, period_of
 from heli_core.rcl_yaml import ParameterError
@@ -108,7 +109,7 @@ class SourcedTrack:
         return begin if start_s is None else start_s, end if end_s is None else end_s
 
 
-def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
+def flight_of(path: Path, topic: str | None = None, number: int | None = None) -> SourcedTrack:
     """The motion that a bag holds.
 
     Parameters
@@ -118,17 +119,17 @@ def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
     topic : str, optional
         Of nav_msgs/Odometry, ENU and FLU; default: the ground truth of our graph, else the only
         one of this type.
+    number : int, optional
+        Which flight of a bag whose clock goes back, from 1 on; default: the last.
 
     Raises
     ------
     BagError, HandlingError
     """
-    with opened(path) as reader:
+    with opened(path, number) as reader:
         name = _odometry(reader, path, topic)
         (connection, *_) = chosen(reader, path, [name])
-        decoder = Decoder(
-            topics.TRUTH_ODOM, None, lambda raw: reader.deserialize(raw, connection.msgtype)
-        )
+        decoder = Decoder(topics.TRUTH_ODOM, None, lambda raw: reader.deserialize(connection, raw))
         stamps, rows, sums, why, refused = [], [], [], "", 0
         for _, bag_ns, raw in reader.messages(connections=chosen(reader, path, [name])):
             reader.keep(raw)
@@ -138,6 +139,7 @@ def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
                 sums.append(checksum(raw))
             except MessageError as error:
                 why, refused = why or str(error).partition(": ")[2], refused + 1
+        told = (*reader.remarks, *map(str, reader.lost([connection])))
     if not rows:
         raise BagError(f"{bag_of(path)}: no usable message on {name}" + (f": {why}" if why else ""))
     rigid, times = np.array(rows), np.array(stamps, dtype=np.int64)
@@ -154,7 +156,7 @@ def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
     forged = unknown = ""
     if name.endswith(f"/{topics.TRUTH_ODOM}"):
         forged, unknown = _judged(path, times, np.frombuffer(b"".join(sums), SUM))
-    remarks = (*refusals, *([unknown] if unknown else []))
+    remarks = (*told, *refusals, *([unknown] if unknown else []))
     return SourcedTrack(track, name, start_ns, remarks, forged, _ordered(path, name, start_ns))
 
 
@@ -197,7 +199,9 @@ def _odometry(reader: BagReader, path: Path, topic: str | None) -> str:
     raise BagError(f"{bag_of(path)}: name the odometry by --odom TOPIC; {held}")
 
 
-def signal_of(path: Path, source: str, axis: str, start_ns: int) -> tuple[Array, Array]:
+def signal_of(
+    path: Path, source: str, axis: str, start_ns: int, number: int | None = None
+) -> tuple[Array, Array]:
     """A recorded number over time.
 
     Parameters
@@ -210,6 +214,8 @@ def signal_of(path: Path, source: str, axis: str, start_ns: int) -> tuple[Array,
         roll, pitch or yaw; angles are those of FRD and NED.
     start_ns : int
         Stamp from which times count.
+    number : int, optional
+        Which flight of a bag whose clock goes back, from 1 on; default: the last.
 
     Returns
     -------
@@ -221,13 +227,15 @@ def signal_of(path: Path, source: str, axis: str, start_ns: int) -> tuple[Array,
     BagError
     """
     topic, _, field = source.partition(":")
-    with opened(path) as reader:
+    with opened(path, number) as reader:
         name = _full_name(reader, path, topic)
         lines = chosen(reader, path, [name])
         kind = lines[0].msgtype
         if not field and kind != _ATTITUDE:
             raise BagError(f"{bag_of(path)}: {name} is {kind}: name a field, {name}:FIELD")
-        decoder = Decoder(topics.ATTITUDE_SETPOINT, None, lambda raw: reader.deserialize(raw, kind))
+        decoder = Decoder(
+            topics.ATTITUDE_SETPOINT, None, lambda raw: reader.deserialize(lines[0], raw)
+        )
         stamps, values = [], []
         for _, bag_ns, raw in reader.messages(connections=lines):
             reader.keep(raw)
@@ -235,7 +243,7 @@ def signal_of(path: Path, source: str, axis: str, start_ns: int) -> tuple[Array,
                 values.append(float(decoder.decode(raw)[AXES.index(axis)]))
                 stamps.append(decoder.stamp_ns or bag_ns)
                 continue
-            message = reader.deserialize(raw, kind)
+            message = reader.deserialize(lines[0], raw)
             fields = flatten(message)
             if not isinstance(fields.get(field), int | float):
                 numbers = [key for key, value in fields.items() if isinstance(value, int | float)]
@@ -263,6 +271,17 @@ def _full_name(reader: BagReader, path: Path, topic: str) -> str:
     return ends[0] if len(set(ends)) == 1 else chosen(reader, path, [topic])[0].topic
 
 
+def _own_manoeuvre(path: Path, name: str) -> Settings | None:
+    """Settings of a flight of ours that was to fly a manoeuvre, from params.yaml beside the bag."""
+    saved = bag_of(path).resolve().parent / NAME
+    if not saved.is_file():
+        return None
+    settings = resolve(params=[saved])
+    p = settings.scenario_parameters
+    ours = p["kind"] == "path" and p["path.kind"] == "manoeuvre" and p["path.manoeuvre"] == name
+    return settings if ours else None
+
+
 def own_course(path: Path, name: str, scale: Scale) -> tuple[Array, float] | None:
     """Target (3,), NED, m, and beginning, s, of a manoeuvre that a flight of ours was to fly.
 
@@ -272,13 +291,10 @@ def own_course(path: Path, name: str, scale: Scale) -> tuple[Array, float] | Non
     ------
     ParameterError
     """
-    saved = bag_of(path).resolve().parent / NAME
-    if not saved.is_file():
+    settings = _own_manoeuvre(path, name)
+    if settings is None:
         return None
-    settings = resolve(params=[saved])
     p = settings.scenario_parameters
-    if p["kind"] != "path" or p["path.kind"] != "manoeuvre" or p["path.manoeuvre"] != name:
-        return None
     if not math.isclose(scale_flown(p).ratio, scale.ratio, rel_tol=1e-6):
         return None
     return target_of(settings.scenario.reference, p), p["path.start_s"] - LEAD_IN_S
@@ -330,6 +346,8 @@ class ScoreOrder:
         Hover point, end of the course or centre of the circle.
     ground_m : float
         Height of the ground in the topic's frame.
+    number : int or None
+        Which flight of a bag whose clock goes back, from 1 on; None: the last.
     """
 
     path: Path
@@ -338,6 +356,7 @@ class ScoreOrder:
     end_s: float | None = None
     target_enu_m: tuple[float, float, float] | None = None
     ground_m: float = 0.0
+    number: int | None = None
 
 
 @dataclass(frozen=True)
@@ -376,10 +395,21 @@ def checked_scale(name: str, path: Path, rotor_diameter_m: float | None) -> tupl
     return scale_of(name, path, rotor_diameter_m)
 
 
+def _scale_wanted(
+    path: Path, name: str, scale_name: str | None, rotor_diameter_m: float | None
+) -> tuple[Scale, str]:
+    """The scale that is named, else the one that a flight of ours was to fly, else full scale."""
+    settings = _own_manoeuvre(path, name) if scale_name is None else None
+    if settings is None or rotor_diameter_m is not None:
+        return checked_scale(scale_name or FULL_SCALE.name, path, rotor_diameter_m)
+    flown = scale_flown(settings.scenario_parameters)
+    return flown, f"scale {flown.name}, as it was to be flown"
+
+
 def score_manoeuvre(
-    wanted: ScoreOrder, name: str, scale_name: str, rotor_diameter_m: float | None
+    wanted: ScoreOrder, name: str, scale_name: str | None, rotor_diameter_m: float | None
 ) -> Scored:
-    """Score a manoeuvre of a bag.
+    """Score a manoeuvre of a bag; without a scale at that which a flight of ours was to fly.
 
     Raises
     ------
@@ -388,8 +418,8 @@ def score_manoeuvre(
     """
     if name not in MANOEUVRES:
         raise ParameterError(f"--mte {name}: is none of {', '.join(MANOEUVRES)}")
-    scale, why = checked_scale(scale_name, wanted.path, rotor_diameter_m)
-    flight = flight_of(wanted.path, wanted.odom)
+    scale, why = _scale_wanted(wanted.path, name, scale_name, rotor_diameter_m)
+    flight = flight_of(wanted.path, wanted.odom, wanted.number)
     target, start_s, ours = None, wanted.start_s, ""
     if wanted.target_enu_m is not None:
         east, north, up = wanted.target_enu_m
@@ -784,7 +814,7 @@ def score_response(
     axis: str,
     command: str | None,
     disturbance: str | None,
-    scale_name: str,
+    scale_name: str | None,
     rotor_diameter_m: float | None,
 ) -> Responses:
     """Response of an axis to its command, or of its attitude to a disturbance of the measured one.
@@ -795,11 +825,11 @@ def score_response(
         With one sentence.
     """
     check_axis(axis)
-    scale, why = checked_scale(scale_name, wanted.path, rotor_diameter_m)
-    flight = flight_of(wanted.path, wanted.odom)
+    scale, why = checked_scale(scale_name or FULL_SCALE.name, wanted.path, rotor_diameter_m)
+    flight = flight_of(wanted.path, wanted.odom, wanted.number)
     track = flight.track.between(wanted.start_s, wanted.end_s)
     source = disturbance or command or topics.ATTITUDE_SETPOINT
-    input_time_s, swept_input = signal_of(wanted.path, source, axis, flight.start_ns)
+    input_time_s, swept_input = signal_of(wanted.path, source, axis, flight.start_ns, wanted.number)
     angle = track.attitude_rad[:, AXES.index(axis)]
     both = (max(track.time_s[0], input_time_s[0]), min(track.time_s[-1], input_time_s[-1]))
     step_s = float(np.median(np.diff(track.time_s)))

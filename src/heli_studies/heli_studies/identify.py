@@ -216,7 +216,11 @@ def experiment_of_record(record: FlightRecord, a_priori: IdentificationInputs) -
 
 
 def experiment_of_bag(
-    path: Path, kind: str, a_priori: IdentificationInputs, start_time_s: float
+    path: Path,
+    kind: str,
+    a_priori: IdentificationInputs,
+    start_time_s: float,
+    flight: int | None = None,
 ) -> Experiment:
     """Experiment out of a bag.
 
@@ -229,18 +233,23 @@ def experiment_of_bag(
     a_priori : Given
     start_time_s : float
         Stamp of flight time 0.
+    flight : int, optional
+        Which flight of a bag whose clock goes back, from 1 on.
 
     Raises
     ------
     BagDataError
-        No bag, a topic is missing, its messages cannot be used, it is too short, has gaps, or
-        nothing is excited.
+        No bag, one of several flights of which none is named, a topic is missing, its messages
+        cannot be used, it is too short, has gaps, or nothing is excited.
     """
     folder = path / "bag" if (path / "bag").is_dir() else path
     try:
-        bag = read_bag(folder)
+        bag = read_bag(folder, flight=flight)
     except BagError as error:
         raise BagDataError(str(error)) from error
+    if bag.flights > 1 and flight is None:
+        held = f"its clock goes back: it holds {bag.flights} flights"
+        raise BagDataError(f"{path}: {held}; --flight N names the one that is meant")
     excitation = EXCITATION[kind]
     needed = (*_COMMON, excitation)
     start_ns = stamp_at(start_time_s)
@@ -685,6 +694,8 @@ class IdentifyOrder:
     one_process : bool
     quiet : bool
         Whether nothing is told of its progress.
+    flight : int or None
+        Which flight of a bag whose clock goes back, from 1 on; None: of such a bag it is asked.
     """
 
     actuators: Path | None = None
@@ -696,6 +707,7 @@ class IdentifyOrder:
     gamma_factor: float | None = None
     one_process: bool = False
     quiet: bool = False
+    flight: int | None = None
 
     def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[float], None]]:
         """Progress on stderr, or none."""
@@ -809,7 +821,7 @@ def _experiment(
     start_time_s = settings.nodes["plant"]["start_time_s"]
     bag = wanted.actuators if kind == "actuators" else wanted.gusts
     if bag is not None:
-        return experiment_of_bag(bag, kind, a_priori, start_time_s)
+        return experiment_of_bag(bag, kind, a_priori, start_time_s, wanted.flight)
     length_s = seconds(settings.scenario.n_ticks)
     if length_s < a_priori.end_s:
         raise ParameterError(

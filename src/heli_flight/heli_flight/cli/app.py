@@ -24,6 +24,7 @@ from heli_flight.cli.ardupilot import ardupilot
 from heli_flight.cli.common import (
     CommandWithRenamed,
     Figures,
+    FlightNumber,
     Json,
     Params,
     RecordedGps,
@@ -159,6 +160,7 @@ def report(
         int | None, typer.Option(metavar="N", help="seed of the flight, for its conditions")
     ] = None,
     params: Params = None,
+    flight_number: FlightNumber = None,
     figures: Figures = False,
     pdf: Annotated[
         bool, typer.Option("--pdf", help="also report.pdf: the page, printed by a Chromium")
@@ -170,7 +172,7 @@ def report(
     from heli_flight.report.write import STEPS, BagChoice, recorded, report_of
     from heli_flight.terminal import in_turn, json_text
 
-    choice = BagChoice(scenario, gps, seed, params or [])
+    choice = BagChoice(scenario, gps, seed, params or [], flight_number)
     program = printer() if pdf else ""
     with in_turn() as tell:
         tell("report", 0, STEPS)
@@ -194,6 +196,7 @@ def report(
         content |= {"forged": result.forged}
         content |= {"verdict": result.verdict(receiver).value, "partial": lacking}
         content |= {"coverage": result.coverage(receiver).as_dict()}
+        content |= {"notes": list(flight.bag_notes)}
         content |= {"pdf": str(printed)} if printed else {}
         print(json_text(content), end="")
         return code
@@ -201,6 +204,8 @@ def report(
         print(f"FORGED: {result.forged}")
     if lacking:
         print(f"PARTIAL: {lacking}")
+    for note in flight.bag_notes:
+        print(f"note: {note}")
     for written in filter(None, (page, printed)):
         print(f"written: {written}")
     return code

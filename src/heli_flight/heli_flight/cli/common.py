@@ -164,6 +164,11 @@ def run(app: typer.Typer, argv: Sequence[str] | None, prog: str) -> int:
         What the user has typed; its name begins every refusal.
     """
     name = prog.removesuffix(".sh")
+    for argument in sys.argv[1:] if argv is None else argv:
+        if not argument.isprintable() and _is_no_utf8(argument):
+            # Pages, YAML and JSON would have to name it; so before anything is flown.
+            print(f"{name}: {_one_line(argument)}: is not UTF-8", file=sys.stderr)
+            return EXIT_BAD_INPUT
     try:
         with interrupts.interrupts_reported():
             code = app(args=argv, prog_name=prog, standalone_mode=False)
@@ -183,12 +188,33 @@ def run(app: typer.Typer, argv: Sequence[str] | None, prog: str) -> int:
             return EXIT_BAD_INPUT
         if code is None:
             raise
-        print(f"{name}: {_one_line(str(error))}", file=sys.stderr)
+        print(f"{name}: {_one_line(_sentence_of(error))}", file=sys.stderr)
         return code
     if code == interrupts.EXIT_CODE:
         # typer has turned the KeyboardInterrupt into this code.
         print(interrupts.LINE, file=sys.stderr)
     return int(code or 0)
+
+
+def _is_no_utf8(text: str) -> bool:
+    """Whether a text of the system holds bytes that are no UTF-8; Python keeps them as surrogates.
+
+    PEP 383.
+    """
+    return any("\ud800" <= character <= "\udfff" for character in text)
+
+
+_SHOWN = 200
+
+
+def _sentence_of(error: Exception) -> str:
+    """What an error says; where a text could not be encoded, the line of it."""
+    if not isinstance(error, UnicodeEncodeError):
+        return str(error)
+    # As of a working directory or TMPDIR of such a name.
+    before, _, _ = error.object[: error.end].rpartition("\n")
+    line = error.object[len(before) :].strip().partition("\n")[0]
+    return f"{line[:_SHOWN]}: is not UTF-8"
 
 
 def _refusal(error: Exception) -> int | None:
@@ -389,6 +415,15 @@ RecordedScenario = Annotated[
         metavar="NAME",
         help="what was flown (default: as recorded)",
         autocompletion=scenarios,
+    ),
+]
+FlightNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--flight",
+        min=1,
+        metavar="N",
+        help="of a bag whose clock goes back: which flight (default: the last)",
     ),
 ]
 RecordedGps = Annotated[

@@ -4,7 +4,7 @@
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from heli_flight.cli.common import (
     Duration,
     Faults,
     Figures,
+    FlightNumber,
     Gps,
     Json,
     Params,
@@ -289,14 +290,16 @@ def replay(
     scenario: RecordedScenario = None,
     gps: RecordedGps = None,
     params: Params = None,
+    which: FlightNumber = None,
 ) -> int:
     """Show a recorded flight in a browser: wind back and forth, slow, fast, from event to event."""
     from heli_flight.replay import replay_of, serve
     from heli_flight.report.write import BagChoice
     from heli_flight.terminal import amount
 
+    choice = BagChoice(scenario, gps, None, params or [], which)
     with amount("replay") as progress:
-        shown, beside = replay_of(flight, BagChoice(scenario, gps, None, params or []), progress)
+        shown, beside = replay_of(flight, choice, progress)
     # At once, where there is no terminal, too: whoever waits for the address reads it.
     serve(shown, port, beside, partial(print, flush=True))
     return 0
@@ -603,6 +606,21 @@ Topics = Annotated[
     list[str] | None,
     typer.Option("--topic", metavar="TOPIC", help="only this topic; repeatable (default: all)"),
 ]
+_SHORT = 1
+
+
+def _shown(sentence: str) -> str:
+    """A sentence with names out of a bag, without what steers a terminal."""
+    from heli_core.rcl_yaml import printable
+
+    return printable(sentence, len(sentence))
+
+
+def _short_of(shortfall: Sequence[str]) -> int:
+    """Say why less was read than the bag lists; the exit code."""
+    for sentence in shortfall:
+        print(f"not read: {_shown(sentence)}", file=sys.stderr)
+    return _SHORT if shortfall else 0
 
 
 @bag.command(epilog="\b\nexample:\n  heli bag info flights/my_flight --json")
@@ -614,7 +632,7 @@ def info(path: Bag, as_json: Json = False) -> int:
     contents = bag_info(path)
     if as_json:
         print(json.dumps(asdict(contents), indent=2))
-        return 0
+        return _short_of(contents.missing)
     out = console()
     shown = table(contents.path, out)
     for name in ("topic", "type"):
@@ -623,15 +641,21 @@ def info(path: Bag, as_json: Json = False) -> int:
         shown.add_column(name, justify="right")
     shown.add_column("QoS")
     for row in contents.topics:
-        qos = f"{row.reliability}, {row.durability}"
+        qos = f"{row.reliability}, {row.durability}" if row.reliability else ""
         shown.add_row(row.topic, row.type, str(row.messages), f"{row.rate_hz:.4g}", qos)
     out.print(shown)
+    for row in contents.topics:
+        if row.unreadable:
+            print(_shown(f"cannot be read: {row.topic}: {row.unreadable}"))
     out.print(
         f"{contents.messages} messages in {contents.duration_s:.2f} s "
         f"from {contents.start_s:.2f} s; "
         f"{len(contents.files)} {contents.storage} file(s), {contents.size_bytes / 1e6:.2f} MB"
     )
-    return 0
+    if len(contents.flights) > 1:
+        spans = ", ".join(f"{start:.2f} s to {end:.2f} s" for start, end in contents.flights)
+        print(f"its clock goes back: {len(contents.flights)} flights: {spans}")
+    return _short_of(contents.missing)
 
 
 @bag.command(
@@ -646,15 +670,17 @@ def echo_bag(
         int | None, typer.Option(min=1, metavar="N", help="stop after N messages")
     ] = None,
     full: Annotated[bool, typer.Option("--full", help="do not shorten long arrays")] = False,
+    flight: FlightNumber = None,
     as_json: Annotated[bool, typer.Option("--json", help="one line of JSON per message")] = False,
 ) -> int:
     """Print a topic's messages."""
     from heli_bags.tools import as_json as json_line
     from heli_bags.tools import as_yaml, bag_messages
 
-    for _, _, stamp_ns, message in bag_messages(path, [topic], count):
+    shortfall: list[str] = []
+    for _, _, stamp_ns, message in bag_messages(path, [topic], count, flight, shortfall):
         print(json_line(message, stamp_ns=stamp_ns) if as_json else as_yaml(message, full))
-    return 0
+    return _short_of(shortfall)
 
 
 @bag.command(
@@ -688,25 +714,25 @@ def play(
             help="rate of /clock if the bag holds none; 0: no clock",
         ),
     ] = float(TICKS_PER_S),
+    flight: FlightNumber = None,
     as_json: Json = False,
 ) -> int:
     """Publish a bag's messages as they were recorded, with /clock."""
+    from heli_bags.opening import bag_of, require_whole
     from heli_bags.player import PlayChoice, Player
-    from heli_bags.reader import require_whole
-    from heli_bags.tools import bag_of
     from heli_flight.graph.nodes import ros_node
     from heli_flight.terminal import amount
 
     require_whole(bag_of(path))
-    choice = PlayChoice(rate, start, duration, topic or [], exclude or [], loop, clock)
+    choice = PlayChoice(rate, start, duration, topic or [], exclude or [], loop, clock, flight)
     with ros_node("heli_bag_play") as node, amount("seconds") as progress:
         player = Player(node, path, choice, lambda done, total: progress(int(done), int(total)))
         played = player.run()
     if as_json:
         print(json.dumps(played, indent=2))
-        return 0
-    print(f"played: {sum(played.values())} messages of {len(played)} topics")
-    return 0
+    else:
+        print(f"played: {sum(played.values())} messages of {len(played)} topics")
+    return _short_of(player.shortfall)
 
 
 @bag.command(epilog="\b\nexample:\n  heli bag csv flights/my_flight --topic odom --out tables")
@@ -716,22 +742,25 @@ def csv(
         Path, typer.Option("--out", metavar="DIR", help="folder to make, one file per topic")
     ],
     topic: Topics = None,
+    flight: FlightNumber = None,
     as_json: Json = False,
 ) -> int:
     """Write topics as CSV tables: stamp, then one column per field."""
-    from heli_bags.tools import chosen, opened, write_csv
+    from heli_bags.opening import opened
+    from heli_bags.tools import readable, write_csv
     from heli_flight.terminal import amount, being_filled, refuse_existing
 
     refuse_existing(out)
-    with opened(path) as reader:
-        chosen(reader, path, topic or [])
+    shortfall: list[str] = []
+    with opened(path, flight) as reader:
+        readable(reader, path, topic or [])
     with being_filled(out), amount("messages") as progress:
-        written = write_csv(path, out, topic or [], progress)
+        rows = write_csv(path, out, topic or [], progress, flight, shortfall)
     if as_json:
-        print(json.dumps({str(out / name): rows for name, rows in written.items()}, indent=2))
-        return 0
-    print(f"written: {out} ({len(written)} tables, {sum(written.values())} rows)")
-    return 0
+        print(json.dumps({str(out / name): count for name, count in rows.items()}, indent=2))
+    else:
+        print(f"written: {out} ({len(rows)} tables, {sum(rows.values())} rows)")
+    return _short_of(shortfall)
 
 
 @bag.command(
@@ -744,23 +773,26 @@ def ulog(
         Path | None,
         typer.Option("--out", metavar="FILE", help="file to make (default: flight.ulg beside it)"),
     ] = None,
+    flight: FlightNumber = None,
     as_json: Json = False,
 ) -> int:
     """Write a flight as ULog, for PX4 Flight Review and PlotJuggler."""
     from heli_core.folders import write_whole
-    from heli_flight.report.write import recorded, ulog_of
+    from heli_flight.report.write import BagChoice, recorded, ulog_of
     from heli_flight.terminal import refuse_existing
 
     refuse_existing(out)
-    flight = recorded(path)
+    recording = recorded(path, BagChoice(flight=flight))
     # Without --out it is made anew, as a report is.
-    written = out or flight.folder / "flight.ulg"
-    content = ulog_of(flight)
+    written = out or recording.folder / "flight.ulg"
+    content = ulog_of(recording)
     written.parent.mkdir(parents=True, exist_ok=True)
     write_whole(written, content)
     if as_json:
         print(json.dumps({"ulog": str(written), "bytes": len(content)}))
         return 0
+    for note in recording.bag_notes:
+        print(f"note: {note}")
     print(f"written: {written} ({len(content) / 1e6:.2f} MB)")
     return 0
 
@@ -780,8 +812,8 @@ def repair(
     as_json: Json = False,
 ) -> int:
     """Restore a bag that was cut off or never closed; the damaged one is kept."""
+    from heli_bags.opening import bag_of
     from heli_bags.repair import repair as restore
-    from heli_bags.tools import bag_of
     from heli_flight.terminal import amount
 
     with amount("messages") as progress:
@@ -799,6 +831,8 @@ def repair(
         print(f"lost: {done.lost_bytes} bytes at the end hold no complete message")
     if done.damaged_chunks:
         print(f"lost: {done.damaged_chunks} chunks whose content is damaged")
+    if done.nameless:
+        print(f"lost: {done.nameless} messages of no topic of the bag")
     for note in done.notes:
         print(f"note: {note}")
     print(f"written: {done.folder}; the damaged bag is kept in {done.source}")

@@ -200,6 +200,8 @@ class BagFlight:
         Namespace of the topics; empty for none.
     truth_ticks, truth_sums : (N,) arrays, optional
         Ticks of the ground truth, and sums of its messages; None: there is none.
+    notes : sequence of str
+        What to know of the bag (`heli_bags.reader.Bag`).
     """
 
     record: FlightRecord
@@ -208,6 +210,7 @@ class BagFlight:
     aircraft: str = ""
     truth_ticks: NDArray[np.int64] | None = None
     truth_sums: NDArray[np.uint64] | None = None
+    notes: Sequence[str] = ()
 
 
 def lost_with_law(plant_sentence: str, node_facts: Iterable[Mapping[str, str]]) -> str:
@@ -226,7 +229,9 @@ def lost_with_law(plant_sentence: str, node_facts: Iterable[Mapping[str, str]]) 
     return ". Then: ".join([*failures, *([plant_sentence] if plant_sentence else [])])
 
 
-def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
+def flight_from_bag(
+    path: Path, settings: Settings, truth_needed: bool = True, flight: int | None = None
+) -> BagFlight:
     """Record and health of a flight, one row per tick of ground truth.
 
     Parameters
@@ -237,6 +242,8 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         Give the stamp of flight time 0 and the rate.
     truth_needed : bool
         False: a bag without ground truth is taken too, one row per tick of `odom`.
+    flight : int, optional
+        Which flight of a bag whose clock goes back, from 1 on; default: the last.
 
     Returns
     -------
@@ -248,7 +255,7 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         The bag cannot be read or holds no flight.
     """
     try:
-        bag = read_bag(path)
+        bag = read_bag(path, flight=flight)
     except BagError as error:
         raise FlightError(str(error)) from error
     clock = _Clock(stamp_at(settings.nodes["plant"]["start_time_s"]), settings.rate)
@@ -264,7 +271,8 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         )
     ticks = clock.ticks(source.stamp_ns)
     limits = ReferenceLimits.from_parameters(settings.nodes["outer_loop"])
-    record = _record(bag, ticks, clock, limits)
+    # Two messages of a tick that differ are judged both, and give one row.
+    record = _record(bag, np.unique(ticks), clock, limits)
     # When the plant has flown its last tick, nobody hears it any more: that is no news.
     end_ns = int(source.stamp_ns[-1])
     remarks = [
@@ -273,7 +281,9 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         if r.stamp_ns < end_ns or state_of(r.facts, r.message) != NodeState.WITHOUT_INPUT
     ]
     truth_ticks = ticks if source.sums is not None else None
-    return BagFlight(record, remarks, bag.foreign, bag.aircraft, truth_ticks, source.sums)
+    return BagFlight(
+        record, remarks, bag.foreign, bag.aircraft, truth_ticks, source.sums, bag.notes
+    )
 
 
 def _excited(bag: Bag) -> bool:

@@ -175,6 +175,8 @@ class BagChoice:
     gps: str | None = None
     seed: int | None = None
     params: Sequence[Path] = ()
+    flight: int | None = None
+    """Which one of a bag whose clock goes back, from 1 on; None: the last."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +202,8 @@ class RecordedFlight:
         Of the sources that flew; empty if that is not recorded.
     remarks : sequence of Remark
         What the nodes said.
+    bag_notes : sequence of str
+        Of `missing`, what to know of the bag: which flight was read, what could not be.
     """
 
     record: FlightRecord
@@ -212,6 +216,7 @@ class RecordedFlight:
     assumed: bool = False
     commit: str = ""
     remarks: Sequence[Remark] = ()
+    bag_notes: Sequence[str] = ()
 
     @property
     def bands(self) -> list[Band]:
@@ -242,8 +247,9 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
     saved = beside / NAME
     known = bool(choice.params) or saved.is_file()
     settings = _settings(choice, result_json, saved)
-    flight = flight_from_bag(bag, settings, truth_needed=False)
+    flight = flight_from_bag(bag, settings, truth_needed=False, flight=choice.flight)
     record, missing = _completed(flight.record, settings)
+    missing += [f"The bag: {note}." for note in flight.notes]
     if flight.foreign:
         missing.append(f"Not of the graph, so not shown: {', '.join(flight.foreign)}.")
     if not known:
@@ -267,6 +273,7 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
         assumed=not known,
         commit=str(result_json.get("commit", "")),
         remarks=flight.remarks,
+        bag_notes=flight.notes,
     )
 
 
