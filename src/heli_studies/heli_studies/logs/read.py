@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from heli_bags.reader import listed_files
+from heli_bags.opening import listed_files
 from heli_bags.tools import bag_of, chosen, flatten, opened
 from heli_core.foreign_files import FileError, read_bytes, within_budget
 from heli_core.rcl_yaml import printable
@@ -553,7 +553,7 @@ def _of_bag(path: Path, mapped: LogMap | None) -> tuple[Tables, int]:
             names = {full: name for name, full in topics.items()}
             size = 0
             for c, stamp_ns, raw in reader.messages(chosen(reader, path, list(topics.values()))):
-                fields = _numbers(flatten(reader.deserialize(raw, c.msgtype)))
+                fields = _numbers(flatten(reader.deserialize(c, raw)))
                 name = names[c.topic]
                 label = labels.setdefault(name, list(fields))
                 size += 8 * len(label)
