@@ -498,6 +498,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         phases = run.phases
         if phases.trajectory is not None or not phases.numbers.on_ground:
             phases.trajectory = self._followed()
+            phases.others = core.trajectory if run.diverted is None else None
             if core.home_ned_m is not None and not phases.numbers.on_ground:
                 phases.home_ned_m = core.home_ned_m
         if phases.after(stamp_ns, core.nav, core.out) and phases.trajectory is not None:

@@ -248,7 +248,7 @@ class Phases:
     ) -> None:
         self.numbers, self.goto, self.params, self.fence = numbers, goto, kernel, fence
         self.trajectory: Trajectory | None = None
-        self._others: Trajectory | None = None  # a reference that is not the loop's own
+        self.others: Trajectory | None = None  # a reference that is not the loop's own
         self.home_ned_m, self.ground_down_m, self.fence_distance_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
         self.event: Command | Fact | None = None
@@ -300,7 +300,7 @@ class Phases:
 
     def follow(self, planned: Trajectory, now_ns: int) -> None:
         """A reference is followed from now on, where the table has let it."""
-        self.trajectory = self._others = planned
+        self.trajectory = self.others = planned
         self._state.x[MEMORY.unforeseen] = 1.0
         if self.phase in BY_STICKS:
             self.sticks.hand_over(FLIES)
@@ -430,7 +430,7 @@ class Phases:
             if flyable(nav) and self.sticks.tells(now_ns):
                 self.trajectory = self.sticks.preview(self.phase, self._at(now_ns, nav))
         self.trajectory = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
-        self._state.x[MEMORY.unforeseen] = float(self.trajectory is self._others)
+        self._state.x[MEMORY.unforeseen] = float(self.trajectory is self.others)
         return self.trajectory is not before
 
     def fails(self, now_ns: int, nav: Array) -> set[Guard]:
