@@ -138,5 +138,7 @@ def test_bad_input_is_one_line(flights, monkeypatch, capsys, words, expected):
     assert main(["diff", *words]) == 2
     error = capsys.readouterr().err
     assert expected in error
-    assert error.count("\n") == 1
+    # a slow machine is told how far it is
+    lines = [line for line in error.splitlines() if not line.startswith("flights read")]
+    assert len(lines) == 1
     assert not (flights / "diff.html").exists()

@@ -82,12 +82,16 @@ def collective_limits(k):
 
 
 @njit
-def least_thrust(lift_mps2, k):
+def least_thrust(k, state):
     """Least thrust (N) that the still-air map may be asked for.
 
-    What the air lifts besides, as edgewise flow and an upward gust do (m/s2, >= 0), is thrust of
-    the rotor, too: both together stay above the limit.
+    What the air lifts besides, as edgewise flow and an upward gust do, is thrust of the rotor, too:
+    both together stay above the limit. Not where it comes down for want of a position: there the
+    ground is felt by what carries.
     """
+    lift_mps2 = max(-state.x[MEMORY.disturbance][2], 0.0)
+    if state.x[MEMORY.gone] > 0.5:
+        lift_mps2 = 0.0
     return k.mass * max(k.thrust_limits[0] * k.g - lift_mps2, 0.0)
 
 
@@ -103,7 +107,7 @@ def above_floor(d_col, k):
 def count_at_limit(col, k, state):
     """How long a collective has stood at the limits of the thrust, into the state."""
     weight, high = k.mass * k.g, k.thrust_limits[1]
-    low = least_thrust(max(-state.x[MEMORY.disturbance][2], 0.0), k) / weight
+    low = least_thrust(k, state) / weight
     low = max(low, hover_share(k.collective_floor, k) * trim_thrust(k) / weight)
     share = hover_share(col, k) * trim_thrust(k) / weight
     free = low + _AT_LIMIT < share < high - _AT_LIMIT

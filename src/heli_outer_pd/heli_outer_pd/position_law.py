@@ -285,7 +285,7 @@ def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     out[SETPOINT.psi] = ref[SHAPED.psi]
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
-    thrust = min(max(thrust, least_thrust(max(-d_h[2], 0.0), k)), k.thrust_limits[1] * weight)
+    thrust = min(max(thrust, least_thrust(k, state)), k.thrust_limits[1] * weight)
     # The inflow of the climb that the reference asks for is fed forward.
     d_col = collective_for_thrust(
         thrust, ref[SHAPED.down_vel], trim_thrust(k), k.trim[SETPOINT.col], k.rotor
