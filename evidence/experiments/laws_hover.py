@@ -21,7 +21,7 @@ from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.metrics import hover_errors
 from heli_core.rotations import euler_from_quat
-from heli_core.rows import ACTUATOR
+from heli_core.rows import ACTUATOR, SETPOINT
 from heli_flight.loop import simulate
 from heli_flight.position_axes import attitude_lags_s
 from heli_flight.result import conditions
@@ -58,7 +58,8 @@ def flown(world: str, law: str, seed: int) -> dict[str, Any] | None:
     scored = record.time_s >= FROM_S
     of = hover_errors(record.truth_pos_ned_m + drift, record.truth_vel_ned_mps, record.reference)
     tilt = np.degrees([euler_from_quat(q)[:2] for q in record.truth_q_nb])
-    behind = np.degrees(record.setpoint[scored, :2]) - tilt[scored]
+    commanded = record.setpoint[:, [SETPOINT.phi, SETPOINT.theta]]
+    behind = np.degrees(commanded[scored]) - tilt[scored]
     # each from its own mean, which is what holds against the mean wind at that height
     phases = [tilt[record.time_s < CLIMB_S][sum(~scored) :], tilt[record.time_s >= ARRIVED_S]]
     departures = np.concatenate([phase - phase.mean(axis=0) for phase in phases])

@@ -113,20 +113,20 @@ def test_what_the_readmes_say_of_the_laws_is_so():
         return row["roll_wins_over_pid"], row["pitch_wins_over_pid"]
 
     for file, source in (("laws", "truth"), ("laws_gusts", "truth"), ("laws_gusts", "ideal")):
-        assert wins(file, source)[0] >= 18  # better in roll
-    assert max(wins("laws", "ideal")) <= 5  # the PID on most seeds
+        assert wins(file, source)[0] >= 16  # better in roll
+    assert max(wins("laws", "ideal")) <= 6  # the PID on most seeds
     assert wins("laws_gusts", "ideal")[1] == 0  # the PID in pitch, on every seed
     assert 6 <= wins("laws_gusts", "truth")[1] <= 14  # on about half
     assert max(wins("laws_flap_back", "truth")) <= 2  # the PID in both
 
-    assert min(wins("laws_gusts", "truth", "hinf_output")) >= 18  # nearly every seed
+    assert min(wins("laws_gusts", "truth", "hinf_output")) >= 16  # most
     assert wins("laws_gusts", "ideal", "hinf_output") == (20, 20)
-    assert min(wins("laws_flap_back", "truth", "hinf_output")) >= 14  # most
+    assert wins("laws_flap_back", "truth", "hinf_output") == (0, 20)  # the PID in roll
 
     rows = files.read(ROOT, "laws_flap_back")["found"]["summary"]
     worst = {r["law"]: r["pitch_max_deg"] for r in rows if r["source"] == "truth"}
     gap = worst["hinf"] - worst["pid"]
-    assert worst["hinf"] - worst["hinf_offset_free"] > 0.5 * gap  # wins most of that back
+    assert 0.4 < (worst["hinf"] - worst["hinf_offset_free"]) / gap < 0.5  # nearly half of that
     assert abs(worst["hinf"] - worst["lqr"]) < 0.1 * gap  # hardly differ
 
 
@@ -153,14 +153,31 @@ def test_what_the_readmes_say_of_the_default_is_so():
 
 
 def test_what_the_readmes_say_of_paths_is_so():
-    """In the hover test's own wind all are inside the goals with RTK; in honest most are not."""
+    """With RTK all are inside the goals, in the hover test's own wind and in honest."""
     inside = {
         (row["scenario"], row["world"]): row["inside"]
         for row in files.read(ROOT, "paths")["found"]["rows"]
         if row["gps"] == "rtk"
     }
-    assert {n for (_, world), n in inside.items() if world == "paper"} == {20}
-    assert sum(n for (_, world), n in inside.items() if world == "honest") < 0.5 * 60
+    assert {n for (_, world), n in inside.items() if world in ("paper", "honest")} == {20}
+
+
+def test_what_is_said_of_the_laws_in_the_hover_is_so():
+    """Of 40 seeds in honest: how often the others are closer, and how far the servo moves."""
+    rows = files.read(ROOT, "laws_hover")["found"]["rows"]
+    honest = {row["law"]: row for row in rows if row["world"] == "honest"}
+    for law in ("pid", "indi", "lqg"):
+        assert max(honest[law]["below_default"]) < 20
+        assert (
+            honest["hinf_output"]["travel_per_s"]["d_lat"]
+            > 2 * honest[law]["travel_per_s"]["d_lat"]
+        )
+    assert honest["mu"]["below_default"][1] > 20
+    assert 15 <= honest["hinf_output"]["inside_attitude"] <= 25
+    for row in rows:
+        if row["world"] != "hard" and row["law"] != "paper":
+            assert row["inside"]["paper"] == 40
+    assert max(row["inside"]["paper"] for row in rows if row["world"] == "hard") <= 4
 
 
 DEARER = "angles three times as dear", "commands four times as dear"

@@ -148,7 +148,7 @@ def test_on_the_ground_it_needs_no_estimate_but_says_so(kernel_of):
 
 def test_the_ground_is_on_the_side_away_from_hover(parameters, kernel_of):
     k = kernel_of("pid")
-    places = (-0.9, FLIES, 0.29, 0.31, math.nan)
+    places = (-0.9, FLIES, 0.35, 0.37, math.nan)
     assert [stands(c, k) for c in places] == [False, False, False, True, False]
     other = {**parameters, "controller": "pid", "ground_collective": -0.5}
     k = AttitudeConfig.from_parameters(other).params
