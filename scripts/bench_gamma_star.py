@@ -19,16 +19,8 @@ from heli_core.errors import CertificateError
 from heli_core.parameters import load
 from heli_inner_hinf.design import shaped
 from heli_inner_hinf.parameters import NODE_NAME, TABLE
-from heli_inner_hinf.synthesis import (
-    REL_TOL,
-    SplitProblem,
-    acceptance,
-    checked_plant,
-    gamma_star_of,
-    regular_form,
-    split,
-    weights,
-)
+from heli_inner_hinf.regular_form import SplitProblem, checked_plant, regular_form, split, weights
+from heli_inner_hinf.synthesis import REL_TOL, acceptance, gamma_star_of
 
 YAML = Path(__file__).resolve().parent.parent / "src/heli_inner_hinf/config/inner_loop.yaml"
 

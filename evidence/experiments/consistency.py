@@ -26,8 +26,9 @@ from heli_core.ticks import ticks_in
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.sensors import dilution
+from heli_flight.layers import GPS_PRESETS
 from heli_flight.loop import build, fly_loop
-from heli_flight.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.settings import Settings, resolve
 from heli_inner_hinf.controller_state import AttitudeParams
 from heli_inner_hinf.design import AttitudeConfig
 

@@ -23,9 +23,10 @@ from heli_core.rotations import rotation_between
 from heli_core.rows import MEAS, PLANT
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
+from heli_flight.layers import GPS_PRESETS
 from heli_flight.loop import simulate
 from heli_flight.result import conditions
-from heli_flight.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.settings import Settings, resolve
 from heli_observer.layout import ERROR
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))

@@ -16,8 +16,9 @@ from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.rows import REFERENCE
 from heli_core.ticks import TICKS_PER_S
+from heli_flight.layers import NODES
 from heli_flight.loop import LoopFlight, simulate
-from heli_flight.settings import NODES, Settings, resolve
+from heli_flight.settings import Settings, resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.links import ALWAYS
 

@@ -21,7 +21,8 @@ from evidence.files import Results
 from evidence.registry import MARGIN, produces, table
 from evidence.tables import grid
 from heli_core.rows import INPUT_NAMES
-from heli_flight.settings import LAWS, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import LAWS
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.loops import Model, flown_loop, further_delay_s
 from heli_inner_hinf.synthesis import gamma_star

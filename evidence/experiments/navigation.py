@@ -21,8 +21,9 @@ from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, three
 from heli_core.rotations import rotation_between
 from heli_core.ticks import ticks_in
+from heli_flight.layers import GPS_PRESETS
 from heli_flight.loop import build, fly_loop
-from heli_flight.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.settings import Settings, resolve
 from heli_inner_hinf.controller_state import AttitudeParams
 from heli_inner_hinf.design import AttitudeConfig
 

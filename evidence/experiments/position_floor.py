@@ -32,7 +32,7 @@ from heli_outer_pd.analysis import Axis, Gains, deviations, limits_of_performanc
 from heli_outer_pd.parameters import outer_params
 from heli_studies.campaign.run import FlownSeed, fly_seeds, inside_of, worst_of_seeds
 from heli_studies.compare import loop_as_flown
-from heli_studies.design.make import PositionLoop, position_loop
+from heli_studies.design.position_search import PositionLoop, position_loop
 
 GPS, TRUTH, WORLDS = "rtk", "truth", ("paper", "honest")
 SETTLED_S = 30.0

@@ -12,10 +12,11 @@ from evidence.registry import TWENTY, produces, table
 from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid
 from heli_core.ticks import RATES_HZ
+from heli_flight.layers import hover_test_world
 from heli_flight.loop import simulate
 from heli_flight.result import Result, conditions
 from heli_flight.scoring import NAVIGATION, TRUTH, score
-from heli_flight.settings import Settings, hover_test_world, resolve
+from heli_flight.settings import Settings, resolve
 from heli_inner_hinf.design import AttitudeConfig
 
 RECEIVERS = {"rtk": TRUTH, "standalone": NAVIGATION}

@@ -18,10 +18,11 @@ from evidence.tables import grid, world
 from heli_core.metrics import METRICS
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.aircraft import ModelOptions
+from heli_flight.layers import GPS_PRESETS
 from heli_flight.loop import build, fly_loop
 from heli_flight.result import conditions
 from heli_flight.scoring import STRETCHES, WINDOWS
-from heli_flight.settings import GPS_PRESETS, resolve
+from heli_flight.settings import resolve
 from heli_studies.campaign.run import FlownSeed, inside_of, worst_of_seeds
 
 ROTOR = ("flap_back", "inflow", "ground_effect", "vortex_ring")

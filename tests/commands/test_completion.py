@@ -12,7 +12,7 @@ import pytest
 
 from heli_flight.cli import app as cli
 from heli_flight.fly import COMPILES
-from heli_flight.settings import GPS_PRESETS, scenario_names
+from heli_flight.layers import GPS_PRESETS, scenario_names
 from heli_inner_hinf.controller_state import CONTROLLERS
 
 HELI = (sys.executable, "-m", "heli_flight.cli.app")

@@ -27,7 +27,7 @@ from heli_core.command_line import executable
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli import app as cli
 from heli_flight.graph.manager import SystemCommand
-from heli_flight.settings import NODES
+from heli_flight.layers import NODES
 from heli_msgs_bridge import topics
 
 ROOT = Path(__file__).resolve().parents[2]

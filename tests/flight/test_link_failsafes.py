@@ -9,7 +9,8 @@ import pytest
 
 from heli_core.rows import NINE
 from heli_flight import loop as closed_loop
-from heli_flight.settings import NODES, resolve
+from heli_flight.layers import NODES
+from heli_flight.settings import resolve
 from heli_msgs_bridge.links import ALWAYS, COUNTED, PLACE
 from heli_observer import layout as L
 from heli_observer.layout import ObserverStatus

@@ -8,9 +8,10 @@ from heli_analysis.handling.definitions import MANOEUVRES
 from heli_analysis.handling.scoring import HandlingLevel
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import REFERENCE
+from heli_flight.layers import scenario_names
 from heli_flight.loop import simulate
 from heli_flight.scenario import table_of, target_of
-from heli_flight.settings import resolve, scenario_names
+from heli_flight.settings import resolve
 from heli_studies.handling import score_flown
 
 SCENARIOS = {name: f"mte_{name.replace('-', '_')}" for name in MANOEUVRES}

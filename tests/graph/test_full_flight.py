@@ -12,7 +12,8 @@ from heli_bags.tools import bag_info
 from heli_core.metrics import METRICS, PATH
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop import simulate
-from heli_flight.settings import DRAWN, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import DRAWN
 from heli_msgs_bridge import topics
 
 

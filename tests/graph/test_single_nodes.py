@@ -16,7 +16,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 
 from heli_flight.flight_file import write_parameters
-from heli_flight.settings import NODES, resolve
+from heli_flight.layers import NODES
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MISSING, FACT_STATE, NodeState
 from heli_outer_pd.state import OuterStatus

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-CLI, TERMINAL = ("heli_flight/cli/", "heli_studies/cli.py"), "heli_flight/terminal.py"
+CLI, TERMINAL = ("heli_flight/cli/", "heli_studies/cli"), "heli_flight/terminal.py"
 ONLY_IN = {
     "argparse": (),
     "getopt": (),

@@ -15,7 +15,7 @@ import yaml
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
-from heli_bags.writer import Definitions
+from heli_bags.storage_files import Definitions
 
 EVERY_MESSAGES = 10
 """Of each foreign topic there is a message after so many of the others."""

@@ -20,7 +20,8 @@ from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_dynamics_sim.aircraft import AircraftError, HelicopterParameters
 from heli_flight.cli import app
-from heli_flight.settings import TABLES, resolve
+from heli_flight.layers import TABLES
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 from heli_studies.campaign.spec import spec_of

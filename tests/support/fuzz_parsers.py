@@ -18,7 +18,7 @@ from heli_core.command_line import config_folder
 from heli_core.parameters import stated
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import NS_PER_S, TICK_NS
-from heli_flight.settings import TABLES
+from heli_flight.layers import TABLES
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS, MessageError
 from heli_msgs_bridge.messages import Decoder, Encoder

@@ -3,7 +3,7 @@
 
 import pytest
 
-from heli_flight.settings import LAWS
+from heli_flight.worlds import LAWS
 from heli_studies.design.make import make_design, norms_on_the_way
 from heli_studies.design.report import said_of_the_flown_norm
 

@@ -11,7 +11,8 @@ from heli_flight.loop import simulate
 from heli_flight.settings import resolve
 from heli_outer_pd.analysis import Gains, deviations, drifting
 from heli_outer_pd.parameters import outer_params
-from heli_studies.design.make import make_design, position_loop
+from heli_studies.design.make import make_design
+from heli_studies.design.position_search import position_loop
 
 SEEDS = (101, 102)
 SETTLED_S, LENGTH_S = 60.0, 360.0

@@ -28,7 +28,8 @@ from heli_dynamics_sim.trim import LinearModel, reduced_state
 from heli_dynamics_sim.trim import TrimPoint as PlantTrim
 from heli_dynamics_sim.trim import linearize as linearize_about
 from heli_dynamics_sim.trim import trim as find_trim
-from heli_flight.settings import HOVER_TEST_WORLD, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import HOVER_TEST_WORLD
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.state import collective_for_thrust as collective_of_map
 from heli_studies.design.make import FinishedDesign as Made

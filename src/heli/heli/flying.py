@@ -24,9 +24,10 @@ from heli_core.python_controller import GIVEN, PARAMETER, LawError, PythonLaw, f
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.flight_file import NAME, fault_overrides
 from heli_flight.fly import FlightOrder, fly_and_write, fly_one_process
+from heli_flight.layers import LOCKSTEP, ONE_PROCESS, TABLES
 from heli_flight.parts import Parts
 from heli_flight.report.write import BagChoice, RecordedFlight, recorded
-from heli_flight.settings import LAW_NODES, LOCKSTEP, ONE_PROCESS, TABLES, Settings, sources_commit
+from heli_flight.settings import LAW_NODES, Settings, sources_commit
 from heli_flight.terminal import console, silent
 
 # -------------------------------------------------------------------------------------------------

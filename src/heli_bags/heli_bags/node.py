@@ -13,8 +13,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
+from heli_bags.bag_clock import LATE
 from heli_bags.parameters import NODE_NAME, TABLE
-from heli_bags.writer import LATE, BagError, BagRecorder, Format, custom_data, row_of
+from heli_bags.writer import BagError, BagRecorder, Format, custom_data, row_of
 from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level, NodeState, gps_latency_of

@@ -23,17 +23,11 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from heli_bags.bag_clock import WINDOW_NS, is_stream
 from heli_bags.bag_files import BagFiles, Bounds, Place, budgeted, information
 from heli_bags.storage import MOST_TOPICS, PACKED, Kept, checked_message, storage_of
-from heli_bags.writer import (
-    METADATA,
-    WINDOW_NS,
-    BagCause,
-    BagError,
-    is_stream,
-    named_in,
-    reason,
-)
+from heli_bags.storage_files import named_in
+from heli_bags.writer import METADATA, BagCause, BagError, reason
 from heli_core.foreign_files import FileCause, FileError
 from heli_core.rcl_yaml import printable
 from heli_core.ticks import NS_PER_S

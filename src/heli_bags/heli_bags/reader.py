@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from heli_bags.bag_clock import LATE, WINDOW_NS
 from heli_bags.opening import opened
 from heli_bags.storage import checked_message
-from heli_bags.writer import LATE, WINDOW_NS, reason
+from heli_bags.writer import reason
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics

@@ -8,9 +8,10 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader
 
+from heli_bags.bag_clock import BagClock
 from heli_bags.reader import read_bag
 from heli_bags.tools import bag_info, bag_messages, write_csv
-from heli_bags.writer import BagClock, BagRecorder, Format
+from heli_bags.writer import BagRecorder, Format
 from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics

@@ -20,10 +20,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from heli_bags import writer
+from heli_bags import storage_files
 from heli_bags.node import RecorderNode
 from heli_bags.repair import repair
-from heli_bags.writer import BagCause, BagError, BagRecorder, ChunkIndex, Format, McapFile
+from heli_bags.storage_files import ChunkIndex, McapFile
+from heli_bags.writer import BagCause, BagError, BagRecorder, Format
 from heli_core.command_line import share_folder
 from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
@@ -138,7 +139,7 @@ def test_mcap_bytes_are_those_of_the_writer_of_rosbags(tmp_path, monkeypatch):
 
 def test_index_beside_the_file_gives_the_bytes_of_a_list(tmp_path, monkeypatch):
     record(tmp_path / "bag", FORMS["mcap"], flush_every=3)
-    monkeypatch.setattr(writer, "ChunkIndex", _PlainIndex)
+    monkeypatch.setattr(storage_files, "ChunkIndex", _PlainIndex)
     record(tmp_path / "other" / "bag", FORMS["mcap"], flush_every=3)
     ours, theirs = (tmp_path / where / "bag_0.mcap" for where in ("bag", "other/bag"))
     assert ours.read_bytes() == theirs.read_bytes()

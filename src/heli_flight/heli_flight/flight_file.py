@@ -13,22 +13,11 @@ from heli_bags.parameters import NODE_NAME as RECORDER
 from heli_core.faults import NONE, Fault, check_count, fault_of, faults_of
 from heli_core.foreign_files import FileCause, FileError, compose_yaml, read_text
 from heli_core.rcl_yaml import ParameterError, dump_all, file_refusal
+from heli_flight.layers import ARDUPILOT, FLIGHT_SECTION, NODES, SHORT_FOR, Reader, layered
+from heli_flight.process_faults import PROCESS, process_fault_of, process_faults_of
 from heli_flight.scenario import NODE_NAME as SCENARIO
-from heli_flight.settings import (
-    ARDUPILOT,
-    DRAWN,
-    FLIGHT_SECTION,
-    NODES,
-    PROCESS,
-    SHORT_FOR,
-    WORLD_SECTION,
-    Reader,
-    Settings,
-    layered,
-    process_fault_of,
-    process_faults_of,
-    sources_commit,
-)
+from heli_flight.settings import Settings, sources_commit
+from heli_flight.worlds import DRAWN, WORLD_SECTION
 from heli_msgs_bridge.links import WHAT as LINK
 from heli_msgs_bridge.links import link_fault_of, link_faults_of
 

@@ -32,18 +32,16 @@ from heli_flight.graph.processes import (
     has_shared_memory,
     start_server,
 )
+from heli_flight.layers import ARDUPILOT, ONE_PROCESS, hover_test_world
 from heli_flight.parts import Parts
+from heli_flight.process_faults import PROCESS
 from heli_flight.record import FlightRecord, write_record
 from heli_flight.result import Result, print_table, sentence, write_result
 from heli_flight.scoring import score
 from heli_flight.settings import (
-    ARDUPILOT,
     LAW_NODES,
     MOST_AIRCRAFT,
-    ONE_PROCESS,
-    PROCESS,
     Settings,
-    hover_test_world,
     own_laws,
     refuse_unnamed,
     resolve,

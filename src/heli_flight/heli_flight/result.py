@@ -19,6 +19,7 @@ from heli_core.metrics import CLIMB_METRICS, PATH, ClimbFigure, PaperMetric
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.wind import GUST, draw_gusts
 from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, identity
+from heli_flight.layers import ARDUPILOT
 from heli_flight.scoring import (
     DECIDES,
     SOURCE_NAMES,
@@ -31,8 +32,9 @@ from heli_flight.scoring import (
     sources_of,
     spans,
 )
-from heli_flight.settings import ARDUPILOT, PAPER, Settings, laws_words, own_laws, own_words
+from heli_flight.settings import Settings, laws_words, own_laws, own_words
 from heli_flight.terminal import FittingTable, table
+from heli_flight.worlds import PAPER
 
 RESULT = "result.json"
 EXIT_INSIDE = 0

@@ -1,45 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A flight's resolved parameters: its layers, what the command line says over them, agreement."""
+"""A flight's resolved parameters: the command line over its layers, and agreement."""
 
 from __future__ import annotations
 
 import functools
 import os
 import subprocess
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.random import SeedSequence
 
-import heli_dynamics_sim.parameters as plant_table
 import heli_inner_hinf.parameters as inner_table
-import heli_observer.parameters as observer_table
-import heli_outer_pd.parameters as outer_table
 from heli_bags import parameters as recorder_table
 from heli_core.command_line import config_folder
-from heli_core.errors import ParameterCause
 from heli_core.faults import (
-    LONGEST_S,
     NONE,
-    Fault,
-    FaultEntry,
-    FaultKind,
-    entries,
     faults_of,
-    flow_mapping,
 )
 from heli_core.parameters import (
-    Parameter,
-    is_of_ros,
     load,
-    stated,
-    suggestion,
-    unknown,
-    with_common,
 )
 from heli_core.python_controller import INNER, OUTER, PARAMETER, LawError, short_name
 from heli_core.rcl_yaml import (
@@ -49,7 +32,6 @@ from heli_core.rcl_yaml import (
     applicable,
     check_node_names,
     matches,
-    opened,
 )
 from heli_core.rows import ACTUATOR
 from heli_core.signals import NOTHING
@@ -57,84 +39,42 @@ from heli_core.ticks import TICKS_PER_S, Rate
 from heli_dynamics_sim.aircraft import AircraftError, find_aircraft
 from heli_dynamics_sim.config import PlantConfig
 from heli_flight import scenario as scenario_table
+from heli_flight.layers import (
+    ARDUPILOT,
+    FLIGHT_SECTION,
+    GPS_PRESETS,
+    MODES,
+    NODES,
+    OPTION_OF,
+    PACKAGE,
+    PAPERS_AIRCRAFT,
+    PLANT,
+    REAL_TIME,
+    SHORT_FOR,
+    TABLES,
+    FlightDefaults,
+    Layered,
+    Packaged,
+    Reader,
+    assigned,
+    default_of,
+    equal_values,
+    layered,
+    override_section,
+    read_defaults,
+    scenario_file,
+    set_value,
+    without_packaged,
+)
+from heli_flight.process_faults import process_faults_of
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.scenario import Gear
+from heli_flight.worlds import LAWS, PACKAGED, PAPER, SECTIONS, WORLD_SECTION, WORLDS, Draw
 from heli_inner_hinf.excitation import disturbance_params, excitation_params
 from heli_msgs_bridge.agreement import PAIRS
 from heli_msgs_bridge.links import link_faults_of
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.script import script_of
-
-# -------------------------------------------------------------------------------------------------
-# Parameter files that an option names: packaged ones by their name, the user's own by path.
-# -------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class NamedFiles:
-    """One kind of them: worlds, laws.
-
-    Attributes
-    ----------
-    word : str
-        Key in the section `flight`.
-    folder : str
-        Where the packaged ones lie, under the config folder.
-    option : str
-        That names one on the command line.
-    """
-
-    word: str
-    folder: str
-    option: str
-
-    def names(self) -> list[str]:
-        """Names of the packaged ones."""
-        return sorted(path.stem for path in self._folder().glob("*.yaml"))
-
-    def file(self, name: str, where: str = "") -> Path:
-        """File of a packaged one, or the user's own, by its path.
-
-        Raises
-        ------
-        ParameterError
-            There is none; `where` says who named it, default: the option.
-        """
-        if name in self.names():
-            return self._folder() / f"{name}.yaml"
-        path = Path(name)
-        if path.suffix in (".yaml", ".yml") and path.is_file():
-            return path
-        raise ParameterError(
-            f"{where or self.option} {name}: unknown {self.word}; known: "
-            f"{', '.join(self.names())}, or the path of a YAML file"
-        )
-
-    def full_name(self, name: str) -> str:
-        """A packaged one's name, or the whole path of a user's: what params.yaml says of it."""
-        return name if name in self.names() else str(Path(name).absolute())
-
-    def _folder(self) -> Path:
-        return config_folder("heli_flight") / self.folder
-
-
-# -------------------------------------------------------------------------------------------------
-# Laws: which attitude law, position law and observer a scenario is flown with.
-#
-# A file of laws is an rcl parameter file that says only what differs from the packaged parameters
-# of
-# the three nodes that control the aircraft. It knows nothing of the aircraft, the air or the
-# sensors:
-# those are the world's. A law in Python stands in no such file: the parameter `own_law` of its
-# node
-# names it, and only the command line or Python gives that.
-# -------------------------------------------------------------------------------------------------
-
-LAWS = NamedFiles("laws", "laws", "--control-preset")
-PACKAGED = "packaged"
-"""The laws that fly unless others are named: nothing is changed."""
-SECTIONS = ("observer", "inner_loop", "outer_loop")
-"""What a file of laws may tell."""
 
 LAW_NODES = {INNER: "inner_loop", OUTER: "outer_loop"}
 """The node in whose place a law in Python flies, by its loop."""
@@ -182,506 +122,6 @@ def refuse_unnamed(settings: Settings, over: Mapping[str, Mapping[str, Any]]) ->
                 f"{LAW_NODES[loop]}: {PARAMETER}: {source}: a parameter file names this law, "
                 f"whose code would run; if you trust it, name it: --custom-law {source}"
             )
-
-
-# -------------------------------------------------------------------------------------------------
-# Worlds: what air, aircraft and sensors a scenario is flown in, and what the seed draws of them.
-#
-# A world is an rcl parameter file: what it changes in the nodes, and a section `world` with what
-# is
-# drawn per seed. The aircraft that flies is drawn; the controllers keep their own.
-# -------------------------------------------------------------------------------------------------
-
-WORLD_SECTION = "world"
-WORLDS = NamedFiles("world", "worlds", "--world")
-PAPER = "paper"
-HOVER_TEST_WORLD = "honest"
-"""The world of the hover test where neither option nor file names one."""
-
-_GRADES = ("none", "consumer", "industrial", "rtk")
-# Child of the seed's sequence from which worlds draw: far from those of the sources in
-# `heli_dynamics_sim.noise`, which are counted from 0, so that no flight's wind or sensors move.
-_STREAM = 1 << 20
-
-
-def _width(name: str, of: str) -> Parameter:
-    return Parameter(
-        f"draw.{name}", "double", f"Half width of the draw of {of}", "1", lower=0.0, upper=0.8
-    )
-
-
-WORLD_TABLE: tuple[Parameter, ...] = (
-    _width("mass", "scale.mass"),
-    _width("inertia", "scale.inertia"),
-    _width("rotor_stiffness", "scale.rotor_stiffness"),
-    _width("thrust", "scale.thrust"),
-    _width("servo_speed", "scale.servo_speed"),
-    Parameter(
-        "draw.delay_ticks", "int", "Half width of the draw of delay_ticks", "ticks",
-        lower=0, upper=10,
-    ),
-    Parameter("sensors.standalone", "string", "Grade of sensors beside this receiver",
-              choices=_GRADES),
-    Parameter("sensors.rtk", "string", "Grade of sensors beside this receiver", choices=_GRADES),
-)  # fmt: skip
-
-DRAWN: tuple[str, ...] = (
-    "scale.mass",
-    "scale.inertia",
-    "scale.rotor_stiffness",
-    "scale.thrust",
-    "scale.servo_speed",
-    "delay_ticks",
-)
-"""Parameters of the plant that a world may draw. A new one goes to the end: each has a stream of
-its own by its place, so that the others keep their numbers."""
-
-
-@dataclass(frozen=True)
-class Draw:
-    """A parameter of the plant that is drawn uniformly per seed.
-
-    Attributes
-    ----------
-    key : str
-        One of `DRAWN`.
-    centre : float or int
-        What it is without the draw.
-    width : float or int
-        A scale is drawn from centre (1 - width) to centre (1 + width), a number of ticks from
-        centre - width to centre + width, whole, and not below 0.
-    """
-
-    key: str
-    centre: float | int
-    width: float | int
-
-    def value(self, seed: int) -> float | int:
-        """What a seed draws; independent of wind, sensors and other draws of that seed."""
-        children = (_STREAM, DRAWN.index(self.key))
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=children))
-        if isinstance(self.centre, int):
-            width = int(self.width)
-            return max(0, self.centre + int(rng.integers(-width, width, endpoint=True)))
-        return float(self.centre * rng.uniform(1.0 - self.width, 1.0 + self.width))
-
-
-def draws(world: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Draw]:
-    """What a world draws, by parameter of the plant.
-
-    Parameters
-    ----------
-    world, plant : mapping
-        Parameters of the section `world` and of the plant.
-    """
-    drawn = {}
-    for key in DRAWN:
-        width = world[f"draw.{key.removeprefix('scale.')}"]
-        if width > 0:
-            drawn[key] = Draw(key, plant[key], width)
-    return drawn
-
-
-# -------------------------------------------------------------------------------------------------
-# Layers of a flight's parameters.
-#
-# Packaged < receiver < world < laws < scenario < the user's files.
-# -------------------------------------------------------------------------------------------------
-
-GPS_PRESETS = ("standalone", "rtk")
-PACKAGE = "heli_flight"
-PLANT = "plant"
-PAPERS_AIRCRAFT = "helion.yaml"
-"""The aircraft that the packages fly and the paper's figures are held against."""
-
-
-@dataclass(frozen=True)
-class NodeKind:
-    """One node of the graph: where it comes from and what it can be told."""
-
-    name: str
-    package: str
-    executable: str
-    table: tuple[Parameter, ...]
-
-
-NODES = (
-    NodeKind(PLANT, "heli_dynamics_sim", "plant", with_common(plant_table.TABLE)),
-    NodeKind("observer", "heli_observer", "observer", with_common(observer_table.TABLE)),
-    NodeKind("inner_loop", "heli_inner_hinf", "inner_loop", with_common(inner_table.TABLE)),
-    NodeKind("outer_loop", "heli_outer_pd", "outer_loop", with_common(outer_table.TABLE)),
-)
-TABLES: Mapping[str, tuple[Parameter, ...]] = {
-    **{node.name: node.table for node in NODES},
-    scenario_table.NODE_NAME: scenario_table.TABLE,
-    WORLD_SECTION: WORLD_TABLE,
-    recorder_table.NODE_NAME: with_common(recorder_table.TABLE),
-}
-"""Per section of a flight's parameters what may stand there."""
-
-
-class Reader:
-    """Parameter files by path, each read once."""
-
-    def __init__(self) -> None:
-        self._files: dict[Path, ParameterFile] = {}
-
-    def __call__(self, path: str | Path) -> ParameterFile:
-        """The file's content; raises ParameterError."""
-        path = Path(path)
-        if path not in self._files:
-            self._files[path] = opened(path)
-        return self._files[path]
-
-
-@dataclass(frozen=True)
-class Layered:
-    """Parameters by section (the nodes, `scenario`, `world`, `recorder`); the files, weakest first.
-
-    Attributes
-    ----------
-    values : dict
-    files : tuple of Path
-    drawn : dict
-        By parameter of the plant what the seed has drawn; without what stronger files say.
-    """
-
-    values: Mapping[str, dict[str, Any]]
-    files: tuple[Path, ...]
-    drawn: Mapping[str, Draw] = field(default_factory=dict)
-
-
-def scenario_names() -> list[str]:
-    """Names of the packaged scenarios."""
-    return sorted(path.stem for path in (config_folder(PACKAGE) / "scenarios").glob("*.yaml"))
-
-
-def scenario_file(name: str, where: str = "--scenario") -> Path:
-    """File of a packaged scenario.
-
-    Raises
-    ------
-    ParameterError
-        There is none of this name; `where` says who named it.
-    """
-    path = config_folder(PACKAGE) / "scenarios" / f"{name}.yaml"
-    if not path.is_file():
-        raise ParameterError(
-            f"{where} {name}: unknown scenario; known: {', '.join(scenario_names())}"
-        )
-    return path
-
-
-def layered(
-    read: Reader,
-    scenario: str,
-    gps: str,
-    world: str = PAPER,
-    user: Sequence[ParameterFile] = (),
-    seed: int | None = None,
-    laws: str = PACKAGED,
-    overrides: Mapping[str, Any] | None = None,
-) -> Layered:
-    """Read and check the layers.
-
-    Parameters
-    ----------
-    read : Reader
-    scenario, gps, world : str
-        A packaged scenario, one of GPS_PRESETS, a packaged world or the path of one.
-    user : sequence of ParameterFile
-        Stronger than the packaged ones; a later one overrides an earlier one.
-    seed : int, optional
-        Draws what the world lets it draw; default: the plant's.
-    laws : str
-        Packaged laws, or the path of some.
-    overrides : mapping, optional
-        Of the section `world`, stronger than all files: what is drawn and which sensors fly follow
-        from that section.
-
-    Raises
-    ------
-    ParameterError
-    """
-    over = [read(scenario_file(scenario)), *user]
-    common = read(config_folder("heli_core") / "common.yaml")
-    around = [read(path) for path in _world_files(world)]
-    control = read(LAWS.file(laws))
-    beside = {file.path for file in (*around, control)}
-    values: dict[str, dict[str, Any]] = {}
-    files: list[Path] = []
-
-    def take(name: str, layers: Sequence[ParameterFile]) -> None:
-        values[name] = load(TABLES[name], [*layers, *over], name)
-        files.extend(layer.path for layer in layers if layer.path not in beside)
-
-    take(scenario_table.NODE_NAME, [read(config_folder(PACKAGE) / "scenario.yaml")])
-    take(WORLD_SECTION, around)
-    _override(WORLD_SECTION, values[WORLD_SECTION], overrides or {})
-    # One file tells the plant and the observer.
-    sensors = config_folder("heli_dynamics_sim")
-    sensors /= f"sensors_{values[WORLD_SECTION][f'sensors.{gps}']}.yaml"
-    drawn: dict[str, Draw] = {}
-    for node in NODES:
-        folder = config_folder(node.package)
-        presets = [folder / f"gps_{gps}.yaml", sensors]
-        preset_files = [read(preset) for preset in presets if preset.is_file()]
-        below = [common, read(folder / f"{node.name}.yaml"), *preset_files, *around, control]
-        take(node.name, below)
-        if node.name == PLANT:
-            centres = load(node.table, below, PLANT)
-            drawn = _drawn(values, centres, over, seed)
-    flown = list(files)
-    recorder = recorder_table.NODE_NAME
-    take(recorder, [common, read(config_folder("heli_bags") / f"{recorder}.yaml")])
-    after = tuple(file.path for file in (*around, control, *over))
-    return Layered(values, (*flown, *after), drawn)
-
-
-def _world_files(world: str) -> list[Path]:
-    """Files of a world, weakest first: what it does not say is as in the paper's."""
-    names = dict.fromkeys((PAPER, world))
-    return [WORLDS.file(name) for name in names]
-
-
-def _drawn(
-    values: Mapping[str, dict[str, Any]],
-    centres: Mapping[str, Any],
-    over: Sequence[ParameterFile],
-    seed: int | None,
-) -> dict[str, Draw]:
-    """Let the seed draw what the world leaves open, around `centres`, and put it in.
-
-    What a stronger file says is not drawn, unless it says what this seed draws: a flight's own
-    params.yaml.
-    """
-    plant, drawn = values[PLANT], {}
-    stated_keys = {entry.key for file in over for entry in applicable(file, PLANT)}
-    for key, draw in draws(values[WORLD_SECTION], centres).items():
-        value = draw.value(plant["seed"] if seed is None else seed)
-        if key not in stated_keys or plant[key] == value:
-            plant[key], drawn[key] = value, draw
-    return drawn
-
-
-# -------------------------------------------------------------------------------------------------
-# The section `flight` of a parameter file: scenario, receiver, world, laws, mode, seed,
-#
-# controller, duration.
-#
-# It makes a parameter file a flight. A file that was written by one flight and is taken for
-# another
-# (`heli hover --scenario attitude --params flights/x/params.yaml`) brings along what its user had
-# changed, and leaves behind what its own scenario, receiver, world and laws had packaged, and its
-# own
-# seed drawn.
-# -------------------------------------------------------------------------------------------------
-
-FLIGHT_SECTION = "flight"
-LOCKSTEP, REAL_TIME, ONE_PROCESS = "lockstep", "real time", "one process"
-ARDUPILOT = "ardupilot"
-MODES = (LOCKSTEP, REAL_TIME, ONE_PROCESS, ARDUPILOT)
-"""Through the graph as fast as it goes; through the graph by the wall clock; without the graph;
-by ArduPilot, which has the plant alone."""
-
-SHORT_FOR: Mapping[str, tuple[str, str]] = {
-    "seed": ("plant", "seed"),
-    "controller": ("inner_loop", "controller"),
-    "duration_s": (scenario_table.NODE_NAME, "duration_s"),
-}
-"""Names of the section that stand for a parameter of another one."""
-_OPTIONS = {
-    "seed": "--seed",
-    "controller": "--attitude-controller",
-    "duration_s": "--duration",
-}
-"""By such a name the option of the command line."""
-
-
-def _same_as(name: str) -> Parameter:
-    section, key = SHORT_FOR[name]
-    return replace(next(row for row in TABLES[section] if row.name == key), name=name)
-
-
-FLIGHT_TABLE: tuple[Parameter, ...] = (
-    Parameter("scenario", "string", "Packaged scenario"),
-    Parameter("gps", "string", "Receiver", choices=GPS_PRESETS),
-    Parameter("world", "string", "Packaged world, or the path of one"),
-    Parameter("laws", "string", "Packaged laws, or the path of some"),
-    Parameter("mode", "string", "How it is flown", choices=MODES),
-    Parameter("process_faults", "string[]", "Faults of processes, a mapping each, or none"),
-    *(_same_as(name) for name in SHORT_FOR),
-    Parameter("commit", "string", "Commit of the sources that flew, for the reader"),
-    Parameter("changed", "string[]", "Parameters unlike the packaged ones, for the reader"),
-)
-
-
-@dataclass(frozen=True)
-class FlightDefaults:
-    """A parameter file and what its section `flight` says.
-
-    Attributes
-    ----------
-    file : ParameterFile
-        What was short for parameters of other sections stands there, too.
-    section : mapping of name to Entry
-    """
-
-    file: ParameterFile
-    section: Mapping[str, Entry]
-
-
-def read_defaults(file: ParameterFile) -> FlightDefaults:
-    """Read the section of a file.
-
-    Raises
-    ------
-    ParameterError
-        Something unknown or not allowed, or the file contradicts itself.
-    """
-    file = _spread(file)
-    by_name = stated(FLIGHT_TABLE, [file], FLIGHT_SECTION)
-    moved = []
-    for name, (section, key) in SHORT_FOR.items():
-        if name not in by_name:
-            continue
-        here = by_name[name]
-        there = assigned([file], section, key)
-        if there is not None and not _equal(there.value, here.value):
-            raise ParameterError(
-                f"{here.where}: flight: {name}: {here.value} does not agree with {section}: {key}: "
-                f"{there.value} at {there.where}; change both together"
-            )
-        moved.append(Entry(f"/**/{section}", key, here.value, here.where))
-    sections = (*file.sections, *((entry.pattern, entry.where) for entry in moved))
-    return FlightDefaults(
-        replace(file, sections=sections, entries=(*file.entries, *moved)), by_name
-    )
-
-
-def _spread(file: ParameterFile) -> ParameterFile:
-    """The file with what stands under `/**` put where it is known: not all sections know all.
-
-    Raises
-    ------
-    ParameterError
-        No section knows it.
-    """
-    wild = [entry for entry in file.entries if entry.pattern.strip("/") in ("*", "**")]
-    if not wild:
-        return file
-    known = {row.name: row for table in TABLES.values() for row in table}
-    known |= {row.name: row for row in FLIGHT_TABLE}
-    spread = []
-    for entry in wild:
-        if is_of_ros(entry.key):
-            continue
-        if entry.key not in known:
-            raise unknown(known, entry.key, entry.where)
-        spread += [
-            replace(entry, pattern=f"/**/{section}")
-            for section, table in {**TABLES, FLIGHT_SECTION: FLIGHT_TABLE}.items()
-            if any(row.name == entry.key for row in table)
-        ]
-    named = [entry for entry in file.entries if entry not in wild]
-    # A section that is named is stronger, and among equals the last one is.
-    sections = (*file.sections, *((entry.pattern, entry.where) for entry in spread))
-    return replace(file, sections=sections, entries=(*spread, *named))
-
-
-def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | None:
-    """The strongest assignment of a parameter in files, None if there is none."""
-    assignments = [e for file in files for e in applicable(file, section) if e.key == key]
-    return assignments[-1] if assignments else None
-
-
-def default_of(files: Sequence[FlightDefaults], name: str) -> Entry | None:
-    """What the last file that says it says of scenario, receiver, world, laws or mode."""
-    return next(
-        (defaults.section[name] for defaults in reversed(files) if name in defaults.section), None
-    )
-
-
-@dataclass(frozen=True)
-class Packaged:
-    """What decides which values a flight takes from the packages, and what its seed draws."""
-
-    scenario: str
-    gps: str
-    world: str
-    laws: str
-    seed: int | None
-
-
-def without_packaged(defaults: FlightDefaults, read: Reader, wanted: Packaged) -> ParameterFile:
-    """The file for a flight of this scenario, receiver, world, laws and seed.
-
-    If it was made for others, what equals their packaged values is left out: it belongs to them.
-    """
-    of = {name: entry.value for name, entry in defaults.section.items()}
-    seed = assigned([defaults.file], *SHORT_FOR["seed"])
-    made_for = Packaged(
-        of.get("scenario", wanted.scenario),
-        of.get("gps", wanted.gps),
-        of.get("world", PAPER if "commit" in of else wanted.world),
-        of.get("laws", PACKAGED if "commit" in of else wanted.laws),
-        wanted.seed if seed is None else seed.value,
-    )
-    if made_for == wanted or made_for.scenario not in scenario_names():
-        return defaults.file
-    try:
-        WORLDS.file(made_for.world)
-        LAWS.file(made_for.laws)
-    except ParameterError:
-        return defaults.file
-    packaged = layered(
-        read,
-        made_for.scenario,
-        made_for.gps,
-        made_for.world,
-        seed=made_for.seed,
-        laws=made_for.laws,
-    )
-    kept = [entry for entry in defaults.file.entries if not _is_packaged(entry, packaged)]
-    return replace(defaults.file, entries=tuple(kept))
-
-
-def _is_packaged(entry: Entry, packaged: Layered) -> bool:
-    values = packaged.values.get(entry.pattern.rsplit("/", 1)[-1], {})
-    return entry.key in values and _equal(entry.value, values[entry.key])
-
-
-def _equal(a: Any, b: Any) -> bool:
-    """Equal as parameters: arrays flat, as files have them."""
-    return np.array_equal(np.ravel(np.asarray(a)), np.ravel(np.asarray(b)))
-
-
-def section_of(paths: Sequence[Path]) -> Mapping[str, Any]:
-    """What the section `flight` of parameter files says, by name; empty without one.
-
-    Raises
-    ------
-    ParameterError
-    """
-    read = Reader()
-    defaults = [read_defaults(read(path)) for path in paths]
-    return {name: entry.value for each in defaults for name, entry in each.section.items()}
-
-
-def hover_test_world(world: str | None, scenario: str | None, paths: Sequence[Path]) -> str | None:
-    """The world of a command that flies: option, else what files say, else the hover test's own.
-
-    None for a file that says it, and for what is not the hover test: the paper's. So is a file
-    of a flight that was flown before there were worlds.
-
-    Raises
-    ------
-    ParameterError
-    """
-    section = section_of(paths)
-    known = "world" in section or "commit" in section
-    hovers = (scenario or section.get("scenario", "hover")) == "hover"
-    return HOVER_TEST_WORLD if world is None and not known and hovers else world
 
 
 # -------------------------------------------------------------------------------------------------
@@ -824,94 +264,6 @@ def seed_of(seed: int, number: int) -> int:
     (aircraft_seed,) = SeedSequence(seed).spawn(number + 1)[number].generate_state(1)
     # Parameters are signed.
     return int(aircraft_seed) >> 1
-
-
-# -------------------------------------------------------------------------------------------------
-# Faults of a flight's processes, as a file of faults has them: killed, paused, short of time.
-# -------------------------------------------------------------------------------------------------
-
-PROCESS = "process"
-"""`what` of such a fault."""
-FAULTY_NODES = ("observer", "inner_loop", "outer_loop", "plant", "recorder")
-KILL, PAUSE, HOG = "kill", "pause", "hog"
-KINDS = (KILL, PAUSE, HOG)
-_HOGS = FaultKind(1.0, 16.0, "busy processes, a whole number", open_lower=False)
-_KEYS = ("what", "node", "kind", "start_s", "duration_s", "value")
-
-
-@dataclass(frozen=True)
-class ProcessFault(Fault):
-    """A fault of a node's process, or of all by what takes their time.
-
-    KILL: SIGKILL, and 0 s long. PAUSE: SIGSTOP until its end. HOG: as many processes as `value`
-    says that are always busy.
-
-    Attributes
-    ----------
-    node : str
-        One of `FAULTY_NODES`; empty for HOG.
-    """
-
-    node: str = ""
-
-    @property
-    def which(self) -> dict[str, str]:
-        """Keys that say whose process it is."""
-        return {"node": self.node} if self.node else {}
-
-    @property
-    def name(self) -> str:
-        """What has the fault, in words."""
-        return self.node or PROCESS
-
-    @property
-    def hogs(self) -> int:
-        """Number of busy processes."""
-        return int(self.value[0]) if self.value else 0
-
-    @property
-    def text(self) -> str:
-        """The mapping that reads back as this fault."""
-        return flow_mapping(self.as_dict())
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it: what the kind has."""
-        pairs = {"kind": self.kind, "start_s": self.start_s}
-        lasts = {} if self.kind == KILL else {"duration_s": self.duration_s}
-        count = {"value": self.hogs} if self.kind == HOG else {}
-        return {"what": PROCESS, **self.which, **pairs, **lasts, **count}
-
-    @property
-    def words(self) -> str:
-        """For people: observer kill at 20 s; inner_loop pause from 20 to 20.5 s."""
-        if self.kind == KILL:
-            return f"{self.node} kill at {self.start_s:g} s"
-        who = f"hog by {self.hogs} processes" if self.kind == HOG else f"{self.node} pause"
-        return f"{who} from {self.start_s:g} to {self.end_s:g} s"
-
-
-def process_faults_of(texts: Iterable[str]) -> tuple[ProcessFault, ...]:
-    """The faults of the parameter `process_faults`; ParameterError says what is wrong with one."""
-    return entries(texts, "process_faults", _KEYS, process_fault_of)
-
-
-def process_fault_of(node: yaml.Node | None, where: str) -> ProcessFault:
-    """The fault of a YAML mapping; `where` begins the sentence of a ParameterError."""
-    entry = FaultEntry(node, _KEYS, where)
-    what = entry.word("what", (PROCESS,))
-    kind = entry.word("kind", KINDS, PROCESS)
-    wanted = {KILL: ("node",), PAUSE: ("node", "duration_s"), HOG: ("duration_s", "value")}[kind]
-    for key in ("node", "duration_s", "value"):
-        if key in entry and key not in wanted:
-            problem = f"{kind} has none; leave it out"
-            raise entry.refusal(key, ParameterCause.CONFLICT, problem)
-    start_s = entry.number("start_s", LONGEST_S)
-    name = entry.word("node", FAULTY_NODES) if "node" in wanted else ""
-    duration_s = entry.number("duration_s", LONGEST_S) if "duration_s" in wanted else 0.0
-    value = entry.numbers(1, _HOGS, f"{PROCESS} {kind}") if kind == HOG else ()
-    if kind == HOG and value[0] != int(value[0]):
-        raise entry.refusal("value", ParameterCause.TYPE, allowed=_HOGS.allowed)
-    return ProcessFault(what, kind, start_s, duration_s, value, name)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -1099,7 +451,7 @@ class _CommandLine:
             return
         section, key = SHORT_FOR[name]
         word = name.removesuffix("_s")
-        _set(section, values[section], key, option, _OPTIONS[name])
+        set_value(section, values[section], key, option, OPTION_OF[name])
         self._compare(word, option, assigned(files, section, key))
 
     def _compare(self, word: str, option: Any, entry: Entry | None) -> None:
@@ -1260,7 +612,7 @@ def _not_flown(
             if key in decided or key in overrides.get(section, {}) or key not in values[section]:
                 continue
             entry = assigned(files, section, key)
-            if entry is not None and not _equal(entry.value, values[section][key]):
+            if entry is not None and not equal_values(entry.value, values[section][key]):
                 ones.append(NotFlown(section, key, values[section][key], entry.where))
     return ones
 
@@ -1283,7 +635,7 @@ def _unread(
     packaged = load(
         node.table, [read(config_folder("heli_core") / "common.yaml"), read(defaults)], node.name
     )
-    return [one for one in ones if not _equal(inner[one.parameter], packaged[one.parameter])]
+    return [one for one in ones if not equal_values(inner[one.parameter], packaged[one.parameter])]
 
 
 def _remark(ones: Sequence[inner_table.Unread]) -> list[str]:
@@ -1331,11 +683,11 @@ def _over(
         line.put(files, values, name, options[name])
     if options["rate"] is not None:
         for section in (*(node.name for node in NODES), recorder_table.NODE_NAME):
-            _set(section, values[section], "rate_hz", options["rate"], "--rate")
+            set_value(section, values[section], "rate_hz", options["rate"], "--rate")
     for section, changes in overrides.items():
         if section not in TABLES:
             raise ParameterError(f"override of unknown node {section}")
-        _override(section, values[section], changes)
+        override_section(section, values[section], changes)
     check_agreement(values)
     check_rate(values)
     check_ground(values)
@@ -1386,21 +738,3 @@ def _scenario(
         return scenario
     ground = PlantConfig.from_parameters(values["plant"]).params.aircraft.ground
     return replace(scenario, gear=Gear(ground, values["outer_loop"]["takeoff.height_m"]))
-
-
-def _override(section: str, values: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Put the overrides of a section over its values."""
-    for key, value in changes.items():
-        _set(section, values, key, value, f"override of {section}")
-
-
-def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:
-    """Put one checked value over a loaded one."""
-    rows = {row.name: row for row in TABLES[section]}
-    row = rows.get(key)
-    if row is None:
-        raise ParameterError(f"{where}: {key}: {suggestion(rows, key)}")
-    try:
-        values[key] = row.check(value)
-    except ParameterError as error:
-        raise ParameterError(f"{where}: {key}: {error}") from None

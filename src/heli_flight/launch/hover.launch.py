@@ -24,18 +24,10 @@ from heli_bags.parameters import unrecorded
 from heli_core.parameters import load, with_common
 from heli_flight.fleet import read_fleet
 from heli_flight.graph.respawn import AGAIN, MOST, WITHIN_S
-from heli_flight.settings import (
-    HOVER_TEST_WORLD,
-    MOST_AIRCRAFT,
-    PACKAGED,
-    PAPER,
-    WORLD_SECTION,
-    WORLDS,
-    Reader,
-    layered,
-    seed_of,
-)
-from heli_flight.settings import LAWS as LAW_FILES
+from heli_flight.layers import Reader, layered
+from heli_flight.settings import MOST_AIRCRAFT, seed_of
+from heli_flight.worlds import HOVER_TEST_WORLD, PACKAGED, PAPER, WORLD_SECTION, WORLDS
+from heli_flight.worlds import LAWS as LAW_FILES
 from heli_msgs_bridge.launching import (
     COMMON,
     Argument,

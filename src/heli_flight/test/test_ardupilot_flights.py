@@ -20,9 +20,9 @@ from heli_flight.ardupilot.recording import FlightFolder
 from heli_flight.ardupilot.server import ArduPilotOrder, helicopter_of
 from heli_flight.ardupilot.servos import pulses
 from heli_flight.ardupilot.session import Meter, Vehicle
+from heli_flight.layers import ARDUPILOT
 from heli_flight.report.diff import diff
 from heli_flight.report.write import recorded
-from heli_flight.settings import ARDUPILOT
 from support.sitl_client import SitlClient, SmallPilot, angles, h3_120, packet
 
 CALM = {"wind.turbulence": False, "wind.profile_speed_mps": [0.0, 0.0, 0.0]}

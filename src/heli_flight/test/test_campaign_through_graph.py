@@ -9,9 +9,9 @@ import pytest
 from rich.console import Console
 
 from heli_flight.fly import fly_and_write
+from heli_flight.layers import LOCKSTEP, ONE_PROCESS
 from heli_flight.record import NAME, read_record
 from heli_flight.scoring import score
-from heli_flight.settings import LOCKSTEP, ONE_PROCESS
 from heli_studies.campaign.run import as_list, check, print_compared, sample
 from heli_studies.campaign.spec import COVERAGE, fly_rows, spec_of
 from support.record_bag import rows_of

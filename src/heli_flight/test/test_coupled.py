@@ -16,7 +16,12 @@ from heli_inner_hinf.tuning import model_of
 from heli_outer_pd.analysis import Gains, disk_margin, law, open_loop
 from heli_outer_pd.parameters import outer_params
 from heli_studies.compare import loop_as_flown
-from heli_studies.design.make import CoupledPlant, _turned, common_disk_margin, position_loop
+from heli_studies.design.position_search import (
+    CoupledPlant,
+    _turned,
+    common_disk_margin,
+    position_loop,
+)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from evidence.experiments.laws_everywhere import laws_everywhere
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.app import main
 from heli_flight.loop import simulate
-from heli_flight.settings import LAWS, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import LAWS
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.loops import sampled_plant
 from heli_inner_hinf.tuning import model_of

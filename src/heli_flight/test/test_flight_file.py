@@ -15,7 +15,8 @@ from heli_core.rcl_yaml import ParameterError
 from heli_flight import settings as commit
 from heli_flight.cli import app
 from heli_flight.flight_file import write_parameters
-from heli_flight.settings import NODES, resolve
+from heli_flight.layers import NODES
+from heli_flight.settings import resolve
 
 # What two runs of one flight may differ in: the machine's doing, and where its file lay.
 _OF_THE_RUN = ("wall_s", "real_time_factor", "parameter_files")

@@ -13,7 +13,8 @@ from heli_core.rows import REFERENCE
 from heli_core.rows import UNMEASURED as U
 from heli_flight.cli.app import main
 from heli_flight.loop import simulate
-from heli_flight.settings import LAWS, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import LAWS
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.state import thrust_for_collective
 

@@ -8,7 +8,9 @@ from typer.main import get_command
 
 from heli_core.command_line import config_folder
 from heli_flight.cli import app, listing
-from heli_flight.settings import LAWS, WORLDS, resolve, scenario_names
+from heli_flight.layers import scenario_names
+from heli_flight.settings import resolve
+from heli_flight.worlds import LAWS, WORLDS
 from heli_inner_hinf.controller_state import CONTROLLERS
 
 

@@ -8,7 +8,12 @@ from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_flight.settings import resolve
 from heli_inner_hinf.controller_state import Actuation
 from heli_inner_hinf.robust.uncertain import Uncertain
-from heli_studies.design.make import beyond_the_box, output_family, searched_output, yardstick
+from heli_studies.design.attitude_search import (
+    beyond_the_box,
+    output_family,
+    searched_output,
+    yardstick,
+)
 from heli_studies.robust import AircraftSet, exact, feedback_flown, read_ranges
 
 SETTINGS = resolve(laws="hinf_output")

@@ -15,7 +15,8 @@ from heli_flight.cli.app import main
 from heli_flight.flight_file import fault_overrides, flown_faults, read_faults, write_parameters
 from heli_flight.graph.flight import ProcessFaults
 from heli_flight.graph.respawn import MOST, WITHIN_S, DiesAgainError, Respawn
-from heli_flight.settings import ProcessFault, process_faults_of, resolve
+from heli_flight.process_faults import ProcessFault, process_faults_of
+from heli_flight.settings import resolve
 from heli_msgs_bridge.handover import FOLDER, Restarts
 
 FILE = """\

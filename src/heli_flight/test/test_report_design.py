@@ -6,7 +6,8 @@ import pytest
 
 from heli_flight.report.charts import design_charts, flown_design
 from heli_flight.report.tables import margin_table
-from heli_flight.settings import LAWS, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import LAWS
 
 
 def _design(law: str):

@@ -33,7 +33,7 @@ from heli_flight.settings import resolve
 from heli_inner_hinf.controller_state import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.tuning import loops_of, model_of
-from heli_studies.design.make import position_loop
+from heli_studies.design.position_search import position_loop
 
 RATE_HZ = 100.0
 SEED = 3

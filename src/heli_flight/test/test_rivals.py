@@ -11,7 +11,7 @@ from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.loops import linear_law_of
 from heli_studies.compare import loop_as_flown
 from heli_studies.design import rivals
-from heli_studies.design.make import yardstick
+from heli_studies.design.attitude_search import yardstick
 
 PLANT = resolve().nodes["plant"]
 

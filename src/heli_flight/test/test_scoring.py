@@ -11,6 +11,7 @@ from heli_core.command_line import config_folder
 from heli_core.metrics import GOAL, NONE, OWN, bounded, heading_frame
 from heli_core.parameters import load
 from heli_core.rotations import quat_from_euler
+from heli_flight.layers import PAPERS_AIRCRAFT
 from heli_flight.record import FlightRecord
 from heli_flight.result import EXIT_INSIDE, EXIT_OUTSIDE, Result, Verdict
 from heli_flight.scenario import TABLE, Scenario
@@ -24,7 +25,7 @@ from heli_flight.scoring import (
     score,
     sources_of,
 )
-from heli_flight.settings import PAPERS_AIRCRAFT, resolve
+from heli_flight.settings import resolve
 from support.record_bag import rows_of
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from heli_core.errors import ParameterCause
 from heli_core.rcl_yaml import ParameterError
-from heli_flight.settings import ONE_PROCESS, REAL_TIME, resolve
+from heli_flight.layers import ONE_PROCESS, REAL_TIME
+from heli_flight.settings import resolve
 
 NODES = ("plant", "observer", "inner_loop", "outer_loop")
 

@@ -10,8 +10,10 @@ from heli_core.command_line import config_folder
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import REFERENCE
 from heli_dynamics_sim.config import PlantConfig
+from heli_flight.layers import hover_test_world
 from heli_flight.loop import simulate
-from heli_flight.settings import DRAWN, HOVER_TEST_WORLD, WORLDS, Draw, hover_test_world, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import DRAWN, HOVER_TEST_WORLD, WORLDS, Draw
 from heli_studies.campaign.run import fly_seeds
 
 SEEDS = range(400)
@@ -173,7 +175,7 @@ def test_a_flight_says_its_world_and_what_was_drawn_and_flies_again(fly, tmp_pat
 
 
 def test_the_hover_test_alone_has_a_default_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.setattr("heli_flight.settings.HOVER_TEST_WORLD", "hard")
+    monkeypatch.setattr("heli_flight.layers.HOVER_TEST_WORLD", "hard")
     assert hover_test_world(None, None, []) == hover_test_world(None, "hover", []) == "hard"
     assert hover_test_world("paper", None, []) == "paper"
     assert hover_test_world(None, "attitude", []) is None

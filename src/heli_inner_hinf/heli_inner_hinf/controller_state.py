@@ -26,7 +26,7 @@ from heli_core.linear import held
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import INPUT_NAMES, MEASURED, NAV, NINE, ROTOR, SETPOINT
 from heli_core.ticks import TICK_S, Rate
-from heli_inner_hinf.synthesis import Matrix
+from heli_inner_hinf.regular_form import Matrix
 
 # -------------------------------------------------------------------------------------------------
 # Output law.

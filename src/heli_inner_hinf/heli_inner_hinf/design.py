@@ -49,18 +49,8 @@ from heli_inner_hinf.output_feedback import (
     lqg_law,
     synthesize_output,
 )
-from heli_inner_hinf.synthesis import (
-    N_U,
-    N_X,
-    Lqr,
-    Matrix,
-    Synthesis,
-    checked,
-    lqr,
-    output_selector,
-    synthesize,
-    weights,
-)
+from heli_inner_hinf.regular_form import N_U, N_X, Matrix, checked, output_selector, weights
+from heli_inner_hinf.synthesis import Lqr, Synthesis, lqr, synthesize
 
 # -------------------------------------------------------------------------------------------------
 # Design.

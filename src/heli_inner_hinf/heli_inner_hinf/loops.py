@@ -47,7 +47,7 @@ from heli_inner_hinf.controller_state import (
     predicting_gains,
 )
 from heli_inner_hinf.mu import DiskMargin, grid, logarithms, modes, response, smallest, top
-from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, checked
+from heli_inner_hinf.regular_form import N_H, N_U, N_X, Matrix, checked
 
 if TYPE_CHECKING:
     import control

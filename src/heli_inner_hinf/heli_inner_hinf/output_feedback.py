@@ -33,7 +33,8 @@ from heli_core.rows import ATTITUDE, MEASURED, NINE
 from heli_core.ticks import TICK_S
 from heli_inner_hinf.controller_state import INPUTS, N_V, Actuation, OutputLaw, output_law
 from heli_inner_hinf.loops import flown_plant
-from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, hinf_norm
+from heli_inner_hinf.regular_form import N_H, N_U, N_X, Matrix
+from heli_inner_hinf.synthesis import hinf_norm
 
 # -------------------------------------------------------------------------------------------------
 # Output feedback.

@@ -61,7 +61,7 @@ from heli_inner_hinf.loops import (
     state_feedback_loop,
 )
 from heli_inner_hinf.mu import DiskMargin, disk_margins, peak_gain, response, top
-from heli_inner_hinf.synthesis import N_U, N_X, Matrix, checked
+from heli_inner_hinf.regular_form import N_U, N_X, Matrix, checked
 
 if TYPE_CHECKING:
     import control

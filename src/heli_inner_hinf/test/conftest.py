@@ -10,7 +10,7 @@ import yaml
 from heli_core.parameters import load
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.parameters import NODE_NAME, TABLE
-from heli_inner_hinf.synthesis import weights
+from heli_inner_hinf.regular_form import weights
 
 HERE = Path(__file__).parent
 YAML = HERE.parent / "config/inner_loop.yaml"

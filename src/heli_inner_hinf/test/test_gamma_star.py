@@ -11,15 +11,8 @@ from heli_core.errors import (
     NotStabilizableError,
     ShapeError,
 )
-from heli_inner_hinf.synthesis import (
-    REL_TOL,
-    Mechanism,
-    checked_plant,
-    gamma_star,
-    regular_form,
-    split,
-    synthesize,
-)
+from heli_inner_hinf.regular_form import checked_plant, regular_form, split
+from heli_inner_hinf.synthesis import REL_TOL, Mechanism, gamma_star, synthesize
 
 
 def scalar(a, b, e, q, r):

@@ -6,17 +6,8 @@ import pytest
 from scipy.linalg import solve_continuous_are
 
 from heli_core.errors import FeedforwardError, InfeasibleGammaError, ShapeError
-from heli_inner_hinf.synthesis import (
-    acceptance,
-    checked_plant,
-    gamma_star,
-    hinf_norm,
-    lqr,
-    output_selector,
-    regular_form,
-    synthesize,
-    weights,
-)
+from heli_inner_hinf.regular_form import checked_plant, output_selector, regular_form, weights
+from heli_inner_hinf.synthesis import acceptance, gamma_star, hinf_norm, lqr, synthesize
 
 GAMMA = 0.0632
 OUT = output_selector()

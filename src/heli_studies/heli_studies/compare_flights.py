@@ -30,8 +30,9 @@ from heli_flight.loop import LoopFlight, build, fly_loop, simulate
 from heli_flight.report.figures import BLUE, GREY, ORANGE, RED, picture
 from heli_flight.result import Result, conditions, mean_wind
 from heli_flight.scoring import STRETCHES, Figures, score, sources_of
-from heli_flight.settings import LAWS, PACKAGED, SECTIONS, Settings, resolve
+from heli_flight.settings import Settings, resolve
 from heli_flight.terminal import table
+from heli_flight.worlds import LAWS, PACKAGED, SECTIONS
 from heli_inner_hinf.controller_state import AttitudeParams
 from heli_inner_hinf.design import AttitudeConfig
 from heli_studies.campaign.run import with_seed

@@ -15,11 +15,13 @@ from heli_core.python_controller import find, short_name
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import FlightOrder
+from heli_flight.layers import ONE_PROCESS
 from heli_flight.loop import fly_settings
 from heli_flight.result import conditions
 from heli_flight.scoring import DECIDES, STRETCHES, TRUTH, Figures
-from heli_flight.settings import ONE_PROCESS, PACKAGED, Settings, own_laws
+from heli_flight.settings import Settings, own_laws
 from heli_flight.terminal import table
+from heli_flight.worlds import PACKAGED
 from heli_studies.campaign.run import FlownSeed
 from heli_studies.campaign.spec import NUMBER
 from heli_studies.campaign.workers import flier, tasks

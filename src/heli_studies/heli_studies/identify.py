@@ -50,11 +50,13 @@ from heli_core.rows import (
 from heli_core.ticks import NS_PER_S, TICK_NS, TICK_S, TICKS_PER_S, seconds, stamp_at, ticks_in
 from heli_flight.flight_file import NAME, write_parameters
 from heli_flight.fly import FlightOrder, fly_and_write, tell_if_it_compiles
+from heli_flight.layers import LOCKSTEP, ONE_PROCESS
 from heli_flight.record import FlightRecord
 from heli_flight.result import versions
-from heli_flight.settings import LOCKSTEP, ONE_PROCESS, PAPER, Settings, resolve
+from heli_flight.settings import Settings, resolve
 from heli_flight.terminal import console, silent, steps
 from heli_flight.terminal import table as text_table
+from heli_flight.worlds import PAPER
 from heli_inner_hinf.controller_state import Actuation
 from heli_inner_hinf.loops import Loop, sampled_plant
 from heli_inner_hinf.mu import peak_gain

@@ -16,7 +16,9 @@ from heli_core.command_line import config_folder, executable
 from heli_core.parameters import load, with_common
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import NS_PER_S
-from heli_flight.settings import GPS_PRESETS, PACKAGED, resolve, scenario_names
+from heli_flight.layers import GPS_PRESETS, scenario_names
+from heli_flight.settings import resolve
+from heli_flight.worlds import PACKAGED
 from heli_inner_hinf.controller_state import CONTROLLERS
 from heli_msgs_bridge import topics
 

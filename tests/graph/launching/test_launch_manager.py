@@ -18,7 +18,8 @@ from heli_core.rows import PLANT
 from heli_core.ticks import NS_PER_S
 from heli_flight.graph.manager import TABLE
 from heli_flight.loop import simulate
-from heli_flight.settings import HOVER_TEST_WORLD, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import HOVER_TEST_WORLD
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.handover import FOLDER, HandoverFile
 from support.launched import flown

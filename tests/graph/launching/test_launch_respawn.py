@@ -14,7 +14,8 @@ from heli_bags.reader import read_bag
 from heli_core.rows import PLANT
 from heli_flight.graph.respawn import AGAIN, MOST
 from heli_flight.loop import simulate
-from heli_flight.settings import HOVER_TEST_WORLD, resolve
+from heli_flight.settings import resolve
+from heli_flight.worlds import HOVER_TEST_WORLD
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.handover import FOLDER, HandoverFile, Restarts
 

@@ -11,7 +11,8 @@ from heli_bags.reader import read_bag
 from heli_core.rows import PLANT
 from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_flight.loop import simulate
-from heli_flight.settings import HOVER_TEST_WORLD, resolve, seed_of
+from heli_flight.settings import resolve, seed_of
+from heli_flight.worlds import HOVER_TEST_WORLD
 from heli_msgs_bridge import topics
 from support.launched import flown
 

@@ -19,9 +19,10 @@ from heli_core.ticks import TICK_NS, Rate, stamp_at
 from heli_dynamics_sim.config import message_variances
 from heli_flight.ardupilot.physics import STEP
 from heli_flight.flight_file import NAME, write_parameters
+from heli_flight.layers import ARDUPILOT
 from heli_flight.report.write import RecordedFlight, recorded
 from heli_flight.result import write_result
-from heli_flight.settings import ARDUPILOT, Settings
+from heli_flight.settings import Settings
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 

@@ -26,15 +26,9 @@ from heli_flight.ardupilot.servos import ServoNumbers, parameters, read_file, se
 from heli_flight.ardupilot.session import Flown, Meter, Vehicle
 from heli_flight.flight_file import read_faults
 from heli_flight.fly import FinishedFlight, UnwrittenFlight, free_name, report_of_flight
+from heli_flight.layers import ARDUPILOT, section_of
 from heli_flight.result import print_table
-from heli_flight.settings import (
-    ARDUPILOT,
-    MOST_AIRCRAFT,
-    Settings,
-    resolve,
-    section_of,
-    seed_of,
-)
+from heli_flight.settings import MOST_AIRCRAFT, Settings, resolve, seed_of
 from heli_flight.terminal import refuse_existing
 
 HOST = "127.0.0.1"

@@ -255,28 +255,28 @@ def _one_line(text: str) -> str:
 
 def scenarios(incomplete: str) -> list[str]:
     """Packaged scenarios."""
-    from heli_flight.settings import scenario_names
+    from heli_flight.layers import scenario_names
 
     return beginning(incomplete, scenario_names())
 
 
 def worlds(incomplete: str) -> list[str]:
     """Packaged worlds."""
-    from heli_flight.settings import WORLDS
+    from heli_flight.worlds import WORLDS
 
     return beginning(incomplete, WORLDS.names())
 
 
 def control_presets(incomplete: str) -> list[str]:
     """Packaged files of controllers' parameters."""
-    from heli_flight.settings import LAWS
+    from heli_flight.worlds import LAWS
 
     return beginning(incomplete, LAWS.names())
 
 
 def gps_presets(incomplete: str) -> list[str]:
     """Receivers."""
-    from heli_flight.settings import GPS_PRESETS
+    from heli_flight.layers import GPS_PRESETS
 
     return beginning(incomplete, GPS_PRESETS)
 

@@ -221,7 +221,7 @@ def _mode(asked: dict[str, bool]) -> str | None:
         They ask for two.
     """
     from heli_core.rcl_yaml import ParameterError
-    from heli_flight.settings import LOCKSTEP, ONE_PROCESS, REAL_TIME
+    from heli_flight.layers import LOCKSTEP, ONE_PROCESS, REAL_TIME
 
     meant = {"--realtime": REAL_TIME, "--live": REAL_TIME, "--lockstep": LOCKSTEP}
     meant["--one-process"] = ONE_PROCESS

@@ -44,19 +44,12 @@ from heli_flight.graph.processes import (
 )
 from heli_flight.graph.respawn import AGAIN, Respawn, remove_left
 from heli_flight.graph.supervisor import DEAF, Supervisor
+from heli_flight.layers import LOCKSTEP, NODES, REAL_TIME
+from heli_flight.process_faults import HOG, KILL, ProcessFault, process_faults_of
 from heli_flight.result import Result
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.scoring import score
-from heli_flight.settings import (
-    HOG,
-    KILL,
-    LOCKSTEP,
-    NODES,
-    REAL_TIME,
-    ProcessFault,
-    Settings,
-    process_faults_of,
-)
+from heli_flight.settings import Settings
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameters import NODE_NAME as LIVE
 from heli_msgs_bridge import topics

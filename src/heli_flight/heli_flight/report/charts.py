@@ -24,6 +24,7 @@ from heli_core.rows import ACTUATOR, REFERENCE
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.trim import TrimError
 from heli_dynamics_sim.wind import log_law
+from heli_flight.layers import ARDUPILOT
 from heli_flight.record import FlightRecord
 from heli_flight.report.data import (
     FAILSAFE,
@@ -42,7 +43,7 @@ from heli_flight.report.data import (
     limits,
 )
 from heli_flight.scoring import SOURCE_NAMES, STRETCHES, drift_at_engagement, errors
-from heli_flight.settings import ARDUPILOT, Settings, own_laws
+from heli_flight.settings import Settings, own_laws
 from heli_inner_hinf.controller_state import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.excitation import AXES

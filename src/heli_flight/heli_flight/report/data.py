@@ -13,10 +13,11 @@ from heli_core.metrics import PaperMetric
 from heli_core.python_controller import INNER, short_name
 from heli_core.rotations import euler_angles
 from heli_flight.flight_file import drawn, drawn_words, flown_faults
+from heli_flight.layers import ARDUPILOT
 from heli_flight.record import FlightRecord
 from heli_flight.result import Result, conditions
 from heli_flight.scoring import WINDOWS, Figures, Score, counted, errors
-from heli_flight.settings import ARDUPILOT, Settings, laws_words, own_laws
+from heli_flight.settings import Settings, laws_words, own_laws
 from heli_outer_pd.failsafes import Action
 
 # -------------------------------------------------------------------------------------------------

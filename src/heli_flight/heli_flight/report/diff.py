@@ -17,6 +17,7 @@ from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_angles
 from heli_core.rows import REFERENCE
 from heli_flight.flight_file import identity, own_parameters, packaged
+from heli_flight.layers import FLIGHT_SECTION
 from heli_flight.record import FlightRecord
 from heli_flight.report.data import Chart, Panel, Trace, bands_beside, with_bands
 from heli_flight.report.page import PageHeader, filled
@@ -34,7 +35,6 @@ from heli_flight.scoring import (
     errors,
     sources_of,
 )
-from heli_flight.settings import FLIGHT_SECTION
 from heli_flight.terminal import FittingTable, table
 
 # -------------------------------------------------------------------------------------------------

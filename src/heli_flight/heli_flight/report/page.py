@@ -19,6 +19,7 @@ from markupsafe import Markup
 
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.flight_file import changes
+from heli_flight.layers import NODES
 from heli_flight.report import first_screen
 from heli_flight.report.charts import LAWS, DesignNumbers
 from heli_flight.report.data import PALETTE, Chart, Report, legend
@@ -35,7 +36,7 @@ from heli_flight.report.tables import (
 )
 from heli_flight.result import fault_words, mean_wind, versions
 from heli_flight.scenario import NODE_NAME, TABLE
-from heli_flight.settings import NODES, laws_words
+from heli_flight.settings import laws_words
 
 # -------------------------------------------------------------------------------------------------
 # Page.

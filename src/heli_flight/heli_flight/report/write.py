@@ -21,6 +21,7 @@ from heli_core.ticks import Rate, ticks_in
 from heli_flight import loop as closed_loop
 from heli_flight.flight_file import NAME
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag, judged_truth, lost_with_law
+from heli_flight.layers import ARDUPILOT, ONE_PROCESS, section_of
 from heli_flight.record import NAME as RECORD
 from heli_flight.record import FlightRecord, read_record
 from heli_flight.report.charts import (
@@ -46,15 +47,7 @@ from heli_flight.report.page import render
 from heli_flight.report.spectra import spectra_of, spectrum_charts
 from heli_flight.result import Result
 from heli_flight.scoring import Figures, score
-from heli_flight.settings import (
-    ARDUPILOT,
-    ONE_PROCESS,
-    Settings,
-    resolve,
-    section_of,
-    sources_commit,
-    without_own,
-)
+from heli_flight.settings import Settings, resolve, sources_commit, without_own
 
 # -------------------------------------------------------------------------------------------------
 # Write.

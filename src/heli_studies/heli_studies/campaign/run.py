@@ -39,6 +39,7 @@ from heli_core.metrics import BY_KEY, METRICS, PaperMetric
 from heli_core.rcl_yaml import ParameterError, file_refusal
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import FlightOrder, fly_and_write
+from heli_flight.layers import GPS_PRESETS, LOCKSTEP
 from heli_flight.loop import LoopFlight, simulate
 from heli_flight.result import Result, bound_head, conditions
 from heli_flight.scoring import (
@@ -53,7 +54,7 @@ from heli_flight.scoring import (
     score,
     sources_of,
 )
-from heli_flight.settings import GPS_PRESETS, LOCKSTEP, Settings, sources_commit
+from heli_flight.settings import Settings, sources_commit
 from heli_flight.terminal import FittingTable, steps, table
 from heli_flight.terminal import table as text_table
 from heli_studies.campaign.spec import (

@@ -11,9 +11,10 @@ from typing import Any
 
 from heli_flight.flight_file import fault_overrides, flown_faults
 from heli_flight.fly import tell_if_it_compiles
+from heli_flight.layers import GPS_PRESETS, hover_test_world, section_of
 from heli_flight.result import fault_words, judged_by
 from heli_flight.scoring import STRETCHES
-from heli_flight.settings import GPS_PRESETS, Settings, hover_test_world, resolve, section_of
+from heli_flight.settings import Settings, resolve
 from heli_flight.terminal import console, json_text, steps
 from heli_studies.campaign import run as many
 

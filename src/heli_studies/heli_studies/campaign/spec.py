@@ -37,10 +37,11 @@ from heli_core.rcl_yaml import ParameterError, file_refusal, printable
 from heli_dynamics_sim.aircraft import AircraftError, find_aircraft, read_groups
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.flight_file import fault_overrides, write_parameters
+from heli_flight.layers import GPS_PRESETS, TABLES
 from heli_flight.loop import simulate
 from heli_flight.result import Result
 from heli_flight.scoring import score
-from heli_flight.settings import GPS_PRESETS, TABLES, Settings, resolve
+from heli_flight.settings import Settings, resolve
 
 # -------------------------------------------------------------------------------------------------
 # How one parameter is dispersed: from a number in the unit interval to a value.

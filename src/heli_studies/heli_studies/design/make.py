@@ -5,61 +5,47 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from heli_core.central_controller import GeneralisedPlant, NoControllerError, optimal_gamma
 from heli_core.errors import InfeasibleGammaError, RobustError
 from heli_core.folders import write_whole
 from heli_core.linear import with_servos
 from heli_core.rcl_yaml import ParameterError, dump_all
-from heli_core.rotations import quat_to_R_nb
-from heli_core.rows import ACTUATOR, INPUT_NAMES, MEASURED, NINE, PLANT, SETPOINT
-from heli_core.search import search
+from heli_core.rows import ACTUATOR, INPUT_NAMES, MEASURED, NINE
 from heli_core.ticks import TICK_S, ticks_in
 from heli_dynamics_sim.aircraft import HelicopterParameters, find_aircraft
-from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.trim import (
-    MovingModel,
-    TrimPoint,
-    flap_back_in_hover,
     linearize,
-    linearize_moving,
-    reduced_state,
     trim,
 )
-from heli_dynamics_sim.wind import dryden_scales, passing_speed
-from heli_flight.position_axes import NAMES, attitude_lags_s, downwind, position_axes
-from heli_flight.settings import HOVER_TEST_WORLD, Settings, resolve
-from heli_inner_hinf.controller_state import Actuation, ObserverInput, OutputLaw
+from heli_flight.position_axes import attitude_lags_s
+from heli_flight.settings import Settings, resolve
+from heli_flight.worlds import HOVER_TEST_WORLD
+from heli_inner_hinf.controller_state import Actuation, ObserverInput
 from heli_inner_hinf.design import LEAST_GAMMA_FACTOR, AttitudeConfig, added_weights
 from heli_inner_hinf.loops import (
-    COMMANDS,
     N_Y,
     Loop,
     Model,
     flown_loop,
-    flown_plant,
     further_delay_s,
     observer_loop,
     state_feedback_loop,
 )
-from heli_inner_hinf.mu import DiskMargin, smallest
-from heli_inner_hinf.output_feedback import OutputWeights, central_law, generalised_plant
+from heli_inner_hinf.mu import DiskMargin
+from heli_inner_hinf.output_feedback import generalised_plant
+from heli_inner_hinf.regular_form import N_H, N_U, N_X, Matrix, weights
 from heli_inner_hinf.robust.sampled_norm import HeldPlant, SampledLaw, SampledNorm, sampled_norm
-from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, gamma_star, hinf_norm, weights
+from heli_inner_hinf.synthesis import gamma_star, hinf_norm
 from heli_inner_hinf.tuning import (
     AxisGains,
     Candidate,
     LawBenchmark,
-    LawFamily,
     LoopReport,
-    SampledAircraft,
     analyse,
     choose_observer_gain,
     gains_of,
@@ -68,523 +54,14 @@ from heli_inner_hinf.tuning import (
     tune_pid,
 )
 from heli_outer_pd.analysis import (
-    Axis,
     AxisReport,
-    AxisRequirements,
-    Gains,
-    NoGainsError,
-    Sampled,
-    best_gains,
-    cost,
-    drifting,
-    dryden_across,
-    gains_at,
-    law,
 )
-from heli_outer_pd.analysis import analyse as analyse_axis
-from heli_outer_pd.parameters import OBSERVER_DAMPING, outer_params
-from heli_outer_pd.position_law import tilt_for
-from heli_outer_pd.state import OuterParams, collective_for_thrust
 from heli_studies.design import rivals
-from heli_studies.robust import with_values
 
 if TYPE_CHECKING:
     import control
-
-# -------------------------------------------------------------------------------------------------
-# What the attitude laws are searched over: the aircraft of the set, and the families of laws.
-# -------------------------------------------------------------------------------------------------
-
-_WORTH = 0.01
-"""Share of the cost that moves a weight of the shipped law."""
-
-
-class Member(NamedTuple):
-    """An aircraft of the set: factors of the nominal one's values, and ticks of delay.
-
-    Of the corners of the box of +-30 % and 0 to 3 ticks those at which laws come to an end first.
-    """
-
-    name: str
-    inertia: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    rotor_stiffness: float = 1.0
-    flapping: float = 1.0
-    servo_speed: float = 1.0
-    ticks: int | None = None
-    disk_margin: float = 0.2
-    mass: float = 1.0
-
-    def stretched(self, by: float) -> Member:
-        """As far beyond the box: its factors' distances to the nominal ones times `by`."""
-        factors = ("rotor_stiffness", "flapping", "servo_speed", "mass")
-        further = {key: 1.0 + by * (getattr(self, key) - 1.0) for key in factors}
-        roll, pitch, yaw = (1.0 + by * (inertia - 1.0) for inertia in self.inertia)
-        return self._replace(inertia=(roll, pitch, yaw), **further)
-
-
-MEMBERS = (
-    Member("flaps back", disk_margin=0.5),
-    Member("slow", (1.3, 1.3, 1.3), 0.7, 1.3, 0.7, 2),
-    Member("fast", (0.7, 0.7, 0.7), 1.3, 0.7, 0.7, 2),
-    Member("stiff and late", (0.7, 0.7, 1.3), 1.3, 1.3, 0.7, 3),
-    Member("stiff and light", (0.7, 0.7, 0.7), 1.3, 0.7, 1.3, 2),
-    Member("limp and early", (1.3, 0.7, 0.7), 0.7, 1.3, 1.3, 0),
-    # the flapping of roll and of pitch meet here
-    Member("meeting, early", (1.3, 0.7, 0.7), 1.3, 1.3, 1.3, 0, 0.1),
-    Member("meeting, slow", (1.3, 0.7, 0.7), 1.3, 1.3, 0.7, 1),
-    Member("meeting, late", (1.3, 0.7, 0.7), 1.3, 1.3, 1.3, 3),
-)
-
-_BEYOND = 1.12
-"""How far beyond the box `hinf_output` is held to be stable."""
-EDGES = (
-    *(Member("meeting, heavy", (1.3, 0.7, 0.7), 1.3, 1.3, 0.7, ticks, mass=1.3)
-      for ticks in range(4)),
-    Member("meeting, heavy, slow", (1.3, 0.7, 0.7), 1.3, 1.3, 0.8, 3, mass=1.3),
-    *(Member("quick, heavy", (0.7, 0.7, 0.7), 1.3, 0.7, 1.3, ticks, mass=1.3) for ticks in (0, 1)),
-    *(Member("late, heavy", (0.7, 0.7, 1.3), 1.3, 1.3, speed, 3, mass=1.3) for speed in (0.7, 0.8)),
-)  # fmt: skip
-"""Corners of the set of `heli robust` at which laws of the family `hinf_output` end first."""
-
-
-def yardstick(helicopter: HelicopterParameters, actuation: Actuation) -> LawBenchmark:
-    """The nominal aircraft, then `MEMBERS`, all of which flap back.
-
-    Inertias divide their rows, so they need not be those of one rigid body.
-
-    Raises
-    ------
-    TrimError
-    """
-    linear = linearize(helicopter, trim(helicopter))
-    nominal = SampledAircraft("nominal", linear.A, linear.B, linear.E, actuation)
-    others = tuple(_aircraft(one, helicopter, actuation) for one in MEMBERS)
-    return LawBenchmark(nominal, others)
-
-
-def beyond_the_box(
-    measure: LawBenchmark, helicopter: HelicopterParameters, actuation: Actuation
-) -> LawBenchmark:
-    """The same with a floor of `hinf_output` alone: stable with `EDGES`, 12 % beyond the box.
-
-    So that the law of default is proved with some room; others are not held to it. Raises as
-    `yardstick`.
-    """
-    stretched = (one.stretched(_BEYOND) for one in EDGES)
-    held = tuple(_aircraft(one, helicopter, actuation) for one in stretched)
-    return replace(measure, held_stable=held)
-
-
-def _aircraft(
-    one: Member, helicopter: HelicopterParameters, actuation: Actuation
-) -> SampledAircraft:
-    values = {
-        "mass": one.mass,
-        "rotor_stiffness": one.rotor_stiffness,
-        "flapping": one.flapping,
-        "flap_back": flap_back_in_hover(helicopter),
-    }
-    changed = with_values(helicopter, values)
-    linear = linearize(changed, trim(changed))
-    rows = np.ones((len(NINE), 1))
-    rows[[NINE.p, NINE.q, NINE.r], 0] = one.inertia
-    delay_s = actuation.delay_s if one.ticks is None else one.ticks * TICK_S
-    member_actuation = Actuation(
-        one.servo_speed * actuation.servo_radps, actuation.servo_damping, delay_s
-    )
-    plant = (linear.A / rows, linear.B / rows, linear.E / rows)
-    return SampledAircraft(one.name, *plant, member_actuation, one.disk_margin)
-
-
-def searched_output(inner: Mapping[str, Any], measure: LawBenchmark) -> dict[str, Any]:
-    """`output` of the inner loop's parameters, moved until no step of a number saves `_WORTH`.
-
-    gamma stays, and `command_effort`, which the feedback does not know: how fast the position loop
-    wants its commands followed the cost does not see. The valley of the cost is flat: from far
-    starts other numbers cost as little.
-
-    Raises
-    ------
-    NoLawError
-        No law near the present one keeps the floors.
-    """
-    numbers = measure.best(output_family(inner), (1,), pairs=False, better=_WORTH)
-    weights = output_weights(numbers, float(inner["output.command_effort"]))._asdict()
-    return {f"output.{name}": np.asarray(value).tolist() for name, value in weights.items()}
-
-
-def output_family(inner: Mapping[str, Any]) -> LawFamily:
-    """`hinf_output` of the inner loop's parameters as a function of the weights `output` adds."""
-    config = AttitudeConfig.from_parameters({**inner, "controller": "pid"})
-    model = config.A, config.B, config.E, config.C, config.D
-    gamma, command_effort = (float(inner[f"output.{key}"]) for key in ("gamma", "command_effort"))
-
-    def law(numbers: Sequence[float]) -> OutputLaw:
-        weights = output_weights(numbers, command_effort)
-        plant = generalised_plant(*model, weights, config.actuation)
-        return central_law(plant, weights, gamma)[0]
-
-    return LawFamily("hinf_output", law, (numbers_of(added_weights(inner)),))
-
-
-_SHARED = np.array([2, 2, 1, 1])
-"""How many of `MEASURED` each of the four numbers of the noise is for: angles, p q, r, psi."""
-
-
-def output_weights(numbers: Sequence[float], command_effort: float) -> OutputWeights:
-    """Weights of `output_family`'s numbers: roll and pitch share their noise."""
-    effort, integral, load, noise = np.split(np.asarray(numbers, float), (3, 6, 9))
-    return OutputWeights(effort, integral, load, np.repeat(noise, _SHARED), command_effort)
-
-
-def numbers_of(weights: OutputWeights) -> tuple[float, ...]:
-    """The numbers of weights."""
-    w = weights
-    first_of_each = np.cumsum(_SHARED) - _SHARED
-    numbers = (*w.effort, *w.integral, *w.load, *w.noise[first_of_each])
-    return tuple(float(number) for number in numbers)
-
-
-# -------------------------------------------------------------------------------------------------
-# The whole loop as it flies, linear: attitude, collective and position of all axes at once.
-#
-# The three axes of the position loop are designed one by one; here they meet through the aircraft:
-# the attitude loop's cross-coupling, the yaw that a collective makes, the speed that the rotors
-# meet.
-# -------------------------------------------------------------------------------------------------
-
-_AXES, _N, _N_U = 3, len(NINE), len(INPUT_NAMES)
-_SPEED, _POSITION = slice(_N, _N + _AXES), slice(_N + _AXES, _N + 2 * _AXES)
-_LOWEST_RADPS, _FREQUENCIES = 1e-2, 400
-
-
-@dataclass(frozen=True)
-class CoupledPlant:
-    """x+ = A x + B a over the position law's period; M x: of each axis in turn what the law reads.
-
-    a (3,) are the commanded accelerations forward, right, down, m/s2; read are position, m, speed,
-    m/s, and the acceleration that the tilt explains, m/s2.
-    """
-
-    A: Matrix
-    B: Matrix
-    M: Matrix
-    dt_s: float
-
-    @cached_property
-    def response(self) -> tuple[Matrix, NDArray[np.complex128]]:
-        """Frequencies (m,), rad/s, and the response (m, 9, 3) of a -> what is read."""
-        omega = np.geomspace(_LOWEST_RADPS, 0.999 * np.pi / self.dt_s, _FREQUENCIES)
-        z = np.exp(1j * omega * self.dt_s)
-        return omega, np.stack([self.M @ _resolved(self.A, self.B, at) for at in z])
-
-
-def coupled_plant(
-    moving: MovingModel,
-    at: TrimPoint,
-    attitude: Loop,
-    actuation: Actuation,
-    kernel: OuterParams,
-    period_ticks: int,
-) -> CoupledPlant:
-    """Aircraft in its mean wind, servos, delay and attitude law, from commands to what is held.
-
-    Parameters
-    ----------
-    moving, at
-        The aircraft about its trim.
-    attitude : Loop
-        As flown; of it the controller is used, with its errors turned by the trim's bank if it
-        turns them.
-    actuation : Actuation
-        Of the collective, too.
-    params : OuterParams
-        Its thrust map turns an acceleration down into a collective.
-    period_ticks : int
-    """
-    n = _N + 2 * _AXES
-    A, B = np.zeros((n, n)), np.zeros((n, moving.B.shape[1]))
-    A[: _SPEED.stop, :_N], B[: _SPEED.stop] = moving.A, moving.B
-    A[: _SPEED.stop, _SPEED] = -moving.E @ quat_to_R_nb(at.x[PLANT.quat]).T
-    A[_POSITION, _SPEED] = np.eye(_AXES)
-    Ad, Bd = flown_plant(A, B, actuation)
-    nine = reduced_state(at.x)
-    tilt = nine[[NINE.phi, NINE.theta]]
-    hang = kernel.trim[[SETPOINT.phi, SETPOINT.theta]]
-    law_, y = attitude.controller, np.eye(len(Ad))[list(MEASURED)]
-    if attitude.turned:
-        law_ = _turned(law_, float(tilt[0] - hang[0]))
-    to_law, from_law = np.split(law_.B, [len(MEASURED)], axis=1), Bd[:, :_N_U]
-    direct = np.split(law_.D, [len(MEASURED)], axis=1)
-    commands = np.zeros((len(COMMANDS), _AXES))
-    against = kernel.g * np.tan((tilt - hang) * [1.0, -1.0])[::-1]
-    per_mps2 = _tilt_per_mps2(against, kernel)
-    commands[COMMANDS.index("theta_ref"), 0] = -per_mps2[0]
-    commands[COMMANDS.index("phi_ref"), 1] = per_mps2[1]
-    per_weight = _collective_per_weight(kernel)
-    lift = np.cos(tilt[0]) * np.cos(tilt[1])
-    collective = np.outer(Bd[:, _N_U], [0.0, 0.0, -per_weight / (kernel.g * lift)])
-    one = np.block(
-        [[Ad + from_law @ direct[0] @ y, from_law @ law_.C], [to_law[0] @ y, law_.A]],
-    )
-    enters = np.vstack([from_law @ direct[1] @ commands + collective, to_law[1] @ commands])
-    enters = np.hstack([enters, np.vstack([Bd[:, _N_U:], np.zeros((len(law_.A), 1))])])
-    power, held = np.eye(len(one)), np.zeros_like(enters)
-    for _ in range(period_ticks):
-        held, power = one @ held + enters, one @ power
-    held, held_collective = held[:, :_AXES], held[:, _AXES]
-    eye = np.eye(len(one))
-    compensated = per_weight / lift * (np.tan(tilt) @ eye[[NINE.phi, NINE.theta]])
-    power += np.outer(held_collective, compensated)
-    explained = np.zeros((_AXES, len(one)))
-    explained[:2, [NINE.theta, NINE.phi]] = np.diag([-1.0, 1.0]) / per_mps2
-    # The observer is kept in NED, which turns against the nose.
-    explained[:2, NINE.psi] = -against[1], against[0]
-    read = [(eye[_POSITION.start + i], eye[_SPEED.start + i], explained[i]) for i in range(_AXES)]
-    M = np.concatenate(read)
-    # What is held against the wind turns as the nose does.
-    power += held @ np.outer([against[1], -against[0], 0.0], eye[NINE.psi])
-    return CoupledPlant(power, held, M, period_ticks * attitude.dt)
-
-
-def common_disk_margin(
-    plant: CoupledPlant, axes: tuple[Axis, ...], gains: tuple[Gains, ...]
-) -> DiskMargin:
-    """Of the loop broken at all three commands at once; 0 if it is not stable."""
-    laws = [law(axis_gains, axis) for axis_gains, axis in zip(gains, axes, strict=True)]
-    A, B, C, D = (block_diag(*(one[part] for one in laws)) for part in range(4))
-    closed = np.block([[plant.A + plant.B @ D @ plant.M, plant.B @ C], [B @ plant.M, A]])
-    if np.max(np.abs(np.linalg.eigvals(closed))) >= 1.0:
-        return DiskMargin(0.0, 0.0)
-    omega, moved = plant.response
-    commanded = np.stack([C @ _resolved(A, B, at) + D for at in np.exp(1j * omega * plant.dt_s)])
-    return smallest(-commanded @ moved, omega)
-
-
-def _turned(law_: control.StateSpace, bank_rad: float) -> control.StateSpace:
-    """The law behind `controller_state.read_inputs` at a lasting bank beyond trim."""
-    pitch, heading = (MEASURED.index(i) for i in (NINE.theta, NINE.psi))
-    wanted = len(MEASURED) + COMMANDS.index("theta_ref")
-    turn = np.eye(law_.ninputs)
-    c, s = np.cos(bank_rad), np.sin(bank_rad)
-    turn[np.ix_([pitch, heading], [pitch, heading, wanted])] = [[c, s, 1.0 - c], [-s, c, s]]
-    import control
-
-    return control.ss(law_.A, law_.B @ turn, law_.C, law_.D @ turn, law_.dt)
-
-
-def _resolved(A: Matrix, B: Matrix, z: complex) -> np.ndarray:
-    return np.linalg.solve(z * np.eye(len(A)) - A, B)
-
-
-def _tilt_per_mps2(acceleration: Matrix, kernel: OuterParams) -> Matrix:
-    """Slope of (21), rad s2/m, about the accelerations (2,) that are held, m/s2."""
-    step = 1e-4
-    return np.array(
-        [
-            (tilt_for(a + step, kernel) - tilt_for(a - step, kernel)) / (2.0 * step)
-            for a in acceleration
-        ]
-    )
-
-
-def _collective_per_weight(kernel: OuterParams) -> float:
-    """What the law's thrust map makes of a thrust, in units of the weight, at trim."""
-    k, step = kernel, 1e-4
-    weight, tilt = k.mass * k.g, np.cos(k.trim[SETPOINT.phi]) * np.cos(k.trim[SETPOINT.theta])
-    d_col = k.trim[SETPOINT.col]
-    more, less = (
-        collective_for_thrust(
-            weight / tilt + sign * step * weight, 0.0, weight / tilt, d_col, k.rotor
-        )
-        for sign in (1.0, -1.0)
-    )
-    return float((more - less) / (2.0 * step))
-
-
-# -------------------------------------------------------------------------------------------------
-# The position loop around a designed attitude loop: its gains, what they are worth, the limit.
-#
-# Air, aircraft's terms and wind are those of the hover test's world, with nothing drawn: the
-# loop's
-# acceleration comes from the aircraft's equations about its trim in the mean wind. So there is no
-# report for an aircraft that is identified.
-# -------------------------------------------------------------------------------------------------
-
-# A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
-# from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg.
-_WANTED = tuple(
-    AxisRequirements(
-        position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=0.4, step_mps2=step
-    )
-    for position, speed, step in ((0.16, 0.15, 0.05), (0.25, 0.15, 0.05), (0.10, 0.09, np.inf))
-)
-_DOUBT = 0.3
-"""Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
-_BANKED = ((8.0, 0.3), (10.0, 0.2))
-"""Side wind from either side, m/s: 20 and 30 deg of bank; the common margin's floor there."""
-_MISSED = 1e6
-"""Price of gains that miss the floors in banked flight, before what they miss them by."""
-
-
-@dataclass(frozen=True)
-class PositionLoop:
-    """The loop's parts that an aircraft decides.
-
-    Attributes
-    ----------
-    axes : tuple of Axis
-        Forward, right, down, as modelled.
-    others : tuple of tuple of Axis
-        Of each axis a tick later, that with slower servos, and with more and with less acceleration
-        per command.
-    lags_s : (2,) array
-        Lag of pitch and roll behind their commands at low frequency.
-    coupled : CoupledPlant
-        The axes as they meet in the aircraft.
-    banked : tuple of (CoupledPlant, float)
-        The same in side wind, and the floor of the common margin there.
-    """
-
-    axes: tuple[Axis, ...]
-    others: tuple[tuple[Axis, ...], ...]
-    lags_s: np.ndarray
-    coupled: CoupledPlant
-    banked: tuple[tuple[CoupledPlant, float], ...] = ()
-
-    def reports(self, outer: Mapping[str, Any]) -> tuple[AxisReport, ...]:
-        """Of the gains of the outer loop's parameters."""
-        kernel = outer_params(outer)
-        return tuple(analyse_axis(axis, Gains.of(kernel, i)) for i, axis in enumerate(self.axes))
-
-    def common_margin(self, outer: Mapping[str, Any]) -> DiskMargin:
-        """Disk margin with phi_ref, theta_ref and the collective broken together."""
-        kernel = outer_params(outer)
-        gains = tuple(Gains.of(kernel, i) for i in range(len(self.axes)))
-        return common_disk_margin(self.coupled, self.axes, gains)
-
-    def chosen(self, outer: Mapping[str, Any]) -> dict[str, list[float]]:
-        """Gains that the search yields, as parameters of the outer loop.
-
-        Raises
-        ------
-        NoGainsError
-            An axis has none that keep the margins.
-        """
-        filter_s = outer["attitude_lead.filter_s"]
-        alone = [
-            best_gains(NAMES[i], axis, self.others[i], _WANTED[i], OBSERVER_DAMPING, filter_s)
-            for i, axis in enumerate(self.axes)
-        ]
-        gains = self._held_in_bank(alone, filter_s)
-        K_P, K_D, bandwidth, lead_s = (list(column) for column in zip(*gains, strict=True))
-        return {
-            "K_P": K_P,
-            "K_D": K_D,
-            "disturbance.bandwidth_radps": bandwidth,
-            "attitude_lead.lead_s": lead_s[:2],
-        }
-
-    def _held_in_bank(
-        self, alone: Sequence[Sequence[float]], filter_s: float
-    ) -> list[tuple[float, ...]]:
-        """From each axis' own gains to such as keep the floors in banked flight, too.
-
-        There the axes meet: a pitch turns the nose, and the nose what is held against the wind.
-        """
-        down = tuple(alone[-1])
-
-        def rows(numbers: Sequence[float]) -> list[tuple[float, ...]]:
-            return [*(tuple(row.tolist()) for row in np.split(np.array(numbers), 2)), down]
-
-        def price(numbers: Sequence[float]) -> float:
-            gains = tuple(gains_at(row, OBSERVER_DAMPING, filter_s) for row in rows(numbers))
-            axes_cost = sum(
-                cost(gains[i], self.axes[i], self.others[i], _WANTED[i]) for i in range(2)
-            )
-            if not np.isfinite(axes_cost):
-                return np.inf
-            missed = sum(
-                max(0.0, floor - common_disk_margin(plant, self.axes, gains).alpha)
-                for plant, floor in self.banked
-            )
-            return axes_cost if missed <= 0.0 else _MISSED * (1.0 + missed)
-
-        optimum = search((*alone[0], *alone[1]), price, (1,), pairs=False)
-        if price(optimum) >= _MISSED:
-            raise NoGainsError(
-                "position loop: no gains near those of the single axes keep the floors of the "
-                "common disk margin in side wind: the attitude loop is too slow"
-            )
-        return rows(optimum)
-
-
-def position_loop(
-    plant: Mapping[str, Any],
-    outer: Mapping[str, Any],
-    attitude: Loop,
-    model: Model,
-    actuation: Actuation,
-) -> PositionLoop:
-    """The three axes around an attitude loop as flown.
-
-    Parameters
-    ----------
-    plant, outer : mapping
-        Parameters of the plant (aircraft, wind, start) and of the outer loop; of the latter's gains
-        nothing is used.
-    attitude : Loop
-        As flown.
-    model : Model
-        What the attitude loop was designed for.
-    actuation : Actuation
-
-    Raises
-    ------
-    PlantConfigError, TrimError
-    """
-    around = position_axes(plant, outer, attitude, model)
-    gusts = _gusts(around.config)
-    nominal = around.axes(actuation, gusts)
-    late = replace(actuation, delay_s=actuation.delay_s + TICK_S)
-    slow_and_late = replace(late, servo_radps=(1.0 - _DOUBT) * late.servo_radps)
-    others = tuple(
-        (*later, _stronger(axis, 1.0 + _DOUBT), _stronger(axis, 1.0 - _DOUBT))
-        for axis, *later in zip(
-            nominal, around.axes(late, gusts), around.axes(slow_and_late, gusts), strict=True
-        )
-    )
-    flown = attitude, actuation, around.params, around.period_ticks
-    coupled = coupled_plant(around.moving, around.at, *flown)
-    banked = []
-    for speed_mps, floor in _BANKED:
-        for side in (-1.0, 1.0):
-            held = trim(around.config.helicopter, np.array([0.0, side * speed_mps, 0.0]), 0.0)
-            leaning = linearize_moving(around.config.helicopter, held)
-            banked.append((coupled_plant(leaning, held, *flown), floor))
-    return PositionLoop(nominal, others, around.lags_s, coupled, tuple(banked))
-
-
-def _gusts(config: PlantConfig) -> tuple[tuple[Sampled, ...], ...]:
-    """Turbulence along each axis where the flight begins."""
-    wind, altitude_m = config.wind, -float(config.pos_ned_m[2])
-    sigma, sigma_w, length_m, length_w_m = dryden_scales(altitude_m, wind.w20_mps)
-    speed_mps = passing_speed(altitude_m, wind)
-    time_s = length_m / speed_mps
-    along, across = np.abs(downwind(config)[:2])
-    return (
-        (drifting(along * sigma, time_s), dryden_across(across * sigma, time_s)),
-        (drifting(across * sigma, time_s), dryden_across(along * sigma, time_s)),
-        (dryden_across(sigma_w, length_w_m / speed_mps),),
-    )
-
-
-def _stronger(axis: Axis, factor: float) -> Axis:
-    """The axis with so much more acceleration per command."""
-    act = axis.actuation
-    commanded = np.array([factor, 1.0])
-    return replace(axis, actuation=act._replace(B=act.B * commanded, D=act.D * commanded))
-
+from heli_studies.design.attitude_search import beyond_the_box, searched_output, yardstick
+from heli_studies.design.position_search import position_loop
 
 # -------------------------------------------------------------------------------------------------
 # Which bounds on the norm a design is asked to keep.

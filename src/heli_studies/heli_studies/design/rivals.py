@@ -26,9 +26,10 @@ from heli_inner_hinf.design import AttitudeConfig, added_weights
 from heli_inner_hinf.loops import N_Y, N_Z, Model, as_output_law, flown_plant, pid_as_output_law
 from heli_inner_hinf.mu import scaled_mu
 from heli_inner_hinf.output_feedback import IndiGains, as_law, generalised_plant, indi_law, lqg_law
+from heli_inner_hinf.regular_form import N_H, N_U, N_X, Matrix, output_selector, weights
 from heli_inner_hinf.robust.mu_synthesis import closed_loop, dk_iteration, response
 from heli_inner_hinf.robust.uncertain import balancing, truncated
-from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, lqr, output_selector, weights
+from heli_inner_hinf.synthesis import lqr
 from heli_inner_hinf.tuning import LawBenchmark, LawFamily
 
 # -------------------------------------------------------------------------------------------------
