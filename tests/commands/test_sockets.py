@@ -51,6 +51,9 @@ CALLS = {
     "joy": ["joy", "--keyboard"],
     "diff": ["diff", "{flight}", "{another}", "--out", "{own}.html"],
     "list": ["list", "scenarios"],
+    "new aircraft": [
+        "new", "aircraft", "--mass", "5", "--rotor-diameter", "1.4", "--out", "{own}.yaml",
+    ],
     "report": ["report", "{flight}", "--out", "{own}"],
     "design": ["design", "--out", "{own}"],
     "identify": ["identify", "--out", "{own}"],

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, replay, ardupilot, campaign, design, identify, compare, report, score,
-diff, list, bag, log, echo, topics, fault, joy, takeoff, goto, land, mode, results, run, python,
-setup.
+diff, list, new, bag, log, echo, topics, fault, joy, takeoff, goto, land, mode, results, run,
+python, setup.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -45,6 +45,7 @@ from heli_flight.cli.flights import (
     replay,
 )
 from heli_flight.cli.listing import LIST_EPILOG, list_packaged
+from heli_flight.cli.new import new
 from heli_flight.cli.pilot import pilot
 
 # -------------------------------------------------------------------------------------------------
@@ -133,6 +134,7 @@ def heli(
 app.add_typer(bag, name="bag")
 app.add_typer(fault)
 app.add_typer(graph)
+app.add_typer(new, name="new")
 app.add_typer(pilot)
 app.add_typer(programs)
 app.command(epilog=JOY_EPILOG)(joy)
