@@ -246,6 +246,7 @@ def hover_over(page, key, share):
     return page.value(script)
 
 
+@pytest.mark.slow
 def test_bands_are_shaded_named_and_told_in_every_chart_over_time(page, faulty):
     page.size(1280, 900)
     open_all(page, faulty)

@@ -68,6 +68,7 @@ def test_it_is_flown_and_written_and_read_by_what_reads_flights(tmp_path, capsys
     assert len(err.splitlines()) == 2 and "no message on" in err
 
 
+@pytest.mark.slow
 def test_each_vehicle_has_a_port_and_a_folder_and_ctrl_c_ends_all(tmp_path):
     folder = tmp_path / "flights"
     with waiting(folder, "--vehicles", "2") as (process, ports):

@@ -157,6 +157,7 @@ def test_the_command_prints_facts_and_a_picture(dataflash, tmp_path, capsys):
     assert "d_ped" in shown
 
 
+@pytest.mark.slow
 def test_axes_are_identified_with_gain_pole_delay_and_feedforward(dataflash, tmp_path, capsys):
     words = ["log", "identify", str(dataflash), "--out", str(tmp_path / "m"), "--json"]
     assert cli.main(words) == 0

@@ -243,7 +243,10 @@ LACKING = {
 }
 
 
-@pytest.mark.parametrize("lacking", LACKING)
+@pytest.mark.parametrize(
+    "lacking",
+    [pytest.param(one, marks=() if one == "the middle" else pytest.mark.slow) for one in LACKING],
+)
 def test_a_flight_of_which_a_part_was_recorded_is_partial(capsys, flown, record, lacking):
     """Over what is not there nothing is judged: report, diff and script say how much is there."""
     held, gap_s, share = LACKING[lacking]

@@ -137,6 +137,7 @@ def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env, living):
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 250
 
 
+@pytest.mark.slow
 def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env, living):
     folder = tmp_path / "flight"
     command = [*REALTIME, "--out", folder]

@@ -115,6 +115,7 @@ def test_play_and_listen(tmp_path, ros_env, heli, hover_test, living):
     assert living() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seconds", [2, pytest.param(30, marks=pytest.mark.nightly)], ids=["short", "long"]
 )
@@ -130,6 +131,7 @@ def test_nothing_is_lost_at_5000_messages_per_second(ros_env, seconds):
     assert (counts["lost"], counts["topics"], counts["acknowledged"]) == (0, 10, True)
 
 
+@pytest.mark.slow
 def test_full_disk_in_flight(small_disk, hover_test):
     """The flight goes on, and of what was recorded it is said how much it is, and why."""
     done = hover_test("--out", small_disk / "flight", "--duration", 20, "--gps", "rtk")

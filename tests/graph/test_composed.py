@@ -21,6 +21,7 @@ from heli_flight.settings import resolve
 LIMIT_S = 120.0
 
 
+@pytest.mark.slow
 def test_it_is_the_same_flight_number_for_number(hover_test, tmp_path):
     flights = []
     for name, words in (("apart", ()), ("composed", ("--composed",))):

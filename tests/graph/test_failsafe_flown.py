@@ -28,7 +28,8 @@ SOON = """\
 """
 
 
-@pytest.mark.parametrize("world", [pytest.param("paper", marks=pytest.mark.slow), "honest"])
+@pytest.mark.slow
+@pytest.mark.parametrize("world", ["paper", "honest"])
 def test_the_graph_lands_what_is_lost_as_one_process_does(ros_env, tmp_path, world):
     """Honest: the height of the ground follows from where the reference was engaged."""
     faults, params, folder = tmp_path / "faults.yaml", tmp_path / "soon.yaml", tmp_path / "f"

@@ -101,7 +101,8 @@ def went_with_its_sender(bag, result, topic, sent_ns, recorded_ns):
     )
 
 
-@pytest.mark.parametrize("apart_s", [1.0, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("apart_s", [1.0, 0.0])
 def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, living, apart_s):
     """The row NODE_GONE: time stands still, and each successor makes up for what it missed.
 

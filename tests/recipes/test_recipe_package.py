@@ -48,6 +48,7 @@ def add_package(copy, data_files=True, imports="heli_core", readme=README):
         copy.replace("pyproject.toml", share, share + share.replace(NEIGHBOUR, NEW))
 
 
+@pytest.mark.slow
 def test_a_new_package_is_found_installed_and_compiled(copy):
     add_package(copy)
     copy.packaging("test_packaging_manifests.py", "test_packaging_layout.py", "-k", NEW)

@@ -49,6 +49,7 @@ def judge(rows, groups):
     assert refused == {bomb for _, bomb in wanted}
 
 
+@pytest.mark.slow
 def test_a_small_file_does_not_take_the_memory(tmp_path):
     groups = ("yaml", "json", "arrays", "sums", "bags")
     judge(met(tmp_path, *groups), groups)

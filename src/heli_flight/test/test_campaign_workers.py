@@ -103,6 +103,7 @@ except StartError:
 """
 
 
+@pytest.mark.slow
 def test_a_script_that_runs_itself_again_in_its_workers_ends(spec, tmp_path):
     """Not for ever: spawn runs a script that has no guard once more in each process."""
     (tmp_path / "script.py").write_text(UNGUARDED)

@@ -74,6 +74,7 @@ def test_composed_nodes_are_led_each(launch, tmp_path):
     assert text.count("autostart: false") == 4
 
 
+@pytest.mark.slow
 def test_a_led_flight_is_the_flight(launch, tmp_path, ros_env, living):
     bag = tmp_path / "bag"
     started = launch(*HOVER, MANAGED, "duration:=2", f"bag:={bag}", "seed:=3")

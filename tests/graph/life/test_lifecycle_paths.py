@@ -129,7 +129,7 @@ class Lives(RuleBasedStateMachine):
 @pytest.mark.parametrize(
     "search",
     [
-        pytest.param((5, 40, True), id="short"),
+        pytest.param((5, 40, True), id="short", marks=pytest.mark.slow),
         pytest.param((300, 80, False), id="long", marks=pytest.mark.nightly),
     ],
     indirect=True,

@@ -11,6 +11,7 @@ import pytest
 LIMIT_S = 120.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "count"), [(1, 10), pytest.param(2, 100, marks=pytest.mark.nightly)]
 )
