@@ -54,10 +54,11 @@ def _terms(value: bool, *names: str) -> dict[str, Any]:
 
 _SERVO = ("servo_resolution", "servo_dead_band", "servo_load")
 _OTHER = ("ground_effect", "vortex_ring", "rotor_speed", "tail_authority", "fuel")
-_NO_DRAW: dict[str, Any] = {"draw.delay_ticks": 0} | dict.fromkeys(
+NO_DRAW: dict[str, Any] = {"draw.delay_ticks": 0} | dict.fromkeys(
     ("draw.mass", "draw.inertia", "draw.rotor_stiffness", "draw.thrust", "draw.servo_speed"), 0.0
 )
-_STILL: dict[str, Any] = {"wind.w20_mps": 0.0, "wind.turbulence": False}
+"""Section `world`: every seed flies the nominal aircraft."""
+STILL: dict[str, Any] = {"wind.w20_mps": 0.0, "wind.turbulence": False}
 CAUSES: Mapping[str, tuple[Cause, ...]] = {
     "paper": (
         Cause("as it is"),
@@ -67,13 +68,13 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
     ),
     "honest": (
         Cause("as it is"),
-        Cause("no wind", _STILL | {"wind.random_gusts.rate_per_min": 0.0}),
+        Cause("no wind", STILL | {"wind.random_gusts.rate_per_min": 0.0}),
         Cause("without inflow", _terms(False, "inflow")),
         Cause("without flap-back", _terms(False, "flap_back")),
         Cause("without either", _terms(False, "inflow", "flap_back")),
         Cause("without the servos' terms", _terms(False, *_SERVO)),
         Cause("without the other terms", _terms(False, *_OTHER)),
-        Cause("the nominal aircraft", {}, _NO_DRAW),
+        Cause("the nominal aircraft", {}, NO_DRAW),
     ),
 }
 WORLDS = tuple(CAUSES)
