@@ -156,7 +156,7 @@ def flown(world: str, laws: str, seed: int) -> Spectra:
     late = record.time_s >= FROM_S
     error = record.truth_vel_ned_mps[late] - record.reference[late][:, REFERENCE.vel]
     hz, of_error = spectra(error)
-    segments = (np.count_nonzero(late) - _SEGMENT // 2) // (_SEGMENT // 2)
+    segments = int(np.count_nonzero(late) - _SEGMENT // 2) // (_SEGMENT // 2)
     return Spectra(hz, of_error, spectra(record.wind_ned_mps[late])[1], segments)
 
 
