@@ -100,6 +100,8 @@ def robust(results: Results) -> str:
             ("the same, flown (nonlinear)", "flown_onset"),
         )
     ]
+    gaps = [case["margin_at_most"] / case["margin_proved"] - 1.0 for case in packaged["cases"]]
+    rows.insert(2, ["gap between the two, %", *(f"{100.0 * gap:.1f}" for gap in gaps)])
     rows += [
         [f"`{law['laws']}`: unstable, sampled exactly, at", *map(_size, law["at_most"])]
         for law in record["others"]
@@ -107,8 +109,14 @@ def robust(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nIn ranges of the set (config/robust.yaml of heli_flight): 1 is the "
         "set itself, 0: already the nominal aircraft is lost; –: not within 5 % of the line above, "
-        f"or none up to three times the set. {_over_the_set(packaged)}"
+        f"or none up to three times the set. {_parts(packaged)}{_over_the_set(packaged)}"
     )
+
+
+def _parts(packaged: Mapping[str, Any]) -> str:
+    cut = [(c["delay_ticks"], c["parts"]) for c in packaged["cases"] if c.get("parts", 1) > 1]
+    proved = (f"with {ticks} ticks the box is proved in {parts} parts" for ticks, parts in cut)
+    return f"{'; '.join(proved).capitalize()}. " if cut else ""
 
 
 def _over_the_set(packaged: Mapping[str, Any]) -> str:

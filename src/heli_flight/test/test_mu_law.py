@@ -24,6 +24,13 @@ def config():
     return AttitudeConfig.from_parameters(resolve(laws="mu").nodes["inner_loop"])
 
 
+def test_diagnostics_show_no_bound_of_a_law_that_is_not_flown(config):
+    """Its own certificate is in the file's head; gamma and norm of eq. (15) are another law's."""
+    shown = config.summary()
+    assert shown["controller"] == "matrices"
+    assert not {"gamma", "gamma_star", "norm"} & shown.keys()
+
+
 def changed(A, B, number, share):
     """A, B of the aircraft whose parameter of this number is off by a share of itself."""
     A, B = A.copy(), B.copy()

@@ -76,6 +76,21 @@ def test_model_of_every_aircraft_is_that_of_each(aircraft: AircraftSet) -> None:
 
 
 @pytest.mark.slow
+def test_worst_corner_is_found_where_the_signs_of_the_slopes_lead_to_another(
+    settings: Settings, aircraft: AircraftSet
+) -> None:
+    """Three ticks of delay: mass, I_xx, stiffness, flapping up, I_yy, I_zz, servos down."""
+    law = feedback_flown(settings)
+    onset = UncertainFamily(uncertain_loop(aircraft, law, 3)).onset(3.0)
+    assert onset.size < 1.1327
+    up = {name for name, delta in onset.deltas.items() if delta > 0.9 * onset.size}
+    down = {name for name, delta in onset.deltas.items() if delta < -0.9 * onset.size}
+    assert up - {"flap_back"} == {"mass", "inertia_xx", "rotor_stiffness", "flapping"}
+    assert down - {"flap_back"} == {"inertia_yy", "inertia_zz", "servo_speed"}
+    assert exact(aircraft, {k: 1.001 * d for k, d in onset.deltas.items()}, law, 3) > 0.0
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("ticks", [0, 1, 3])
 def test_loop_in_the_plane_is_the_sampled_loop(
     settings: Settings, aircraft: AircraftSet, ticks: int

@@ -6,6 +6,7 @@ import pytest
 
 from heli_core.errors import RobustCause, RobustError
 from heli_inner_hinf.robust.certificate import Block, Structure, UncertainSystem, certify, real
+from heli_inner_hinf.robust.parts import prove_in_parts
 from heli_inner_hinf.robust.uncertain import Range, Uncertain
 from heli_inner_hinf.robust.worst_case import UncertainFamily
 
@@ -146,3 +147,34 @@ def test_real_blocks_make_the_bound_smaller_than_complex_ones() -> None:
     M = np.array([[1.0j]])
     assert Structure([real("a")]).upper(M) < 1e-3
     assert Structure([Block("a", "complex", 1, 1)]).upper(M) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_onset_is_not_above_that_of_any_corner(two_masses: Uncertain) -> None:
+    """The iteration on signs alone ends at one corner; every other one is looked at, too."""
+    family = UncertainFamily(two_masses)
+    onset = family.onset(4.0)
+    corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * len(family.names))).reshape(3, -1).T
+    for corner in corners:
+        assert family.abscissa(0.999 * onset.size * corner) < 0.0
+
+
+def test_part_of_a_box_has_the_members_that_it_has_in_the_whole(two_masses: Uncertain) -> None:
+    names = dict.fromkeys(two_masses.channels)
+    centre = dict(zip(names, (0.4, -0.2, 0.1), strict=True))
+    half = dict(zip(names, (0.5, 0.3, 1.2), strict=True))
+    part = two_masses.within(centre, half)
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        inside = dict(zip(names, rng.uniform(-1.0, 1.0, 3).tolist(), strict=True))
+        whole = {name: centre[name] + half[name] * inside[name] for name in names}
+        np.testing.assert_allclose(part.at(inside), two_masses.at(whole), rtol=1e-9, atol=1e-6)
+
+
+def test_box_is_proved_in_parts_up_to_the_onset_and_not_beyond(two_masses: Uncertain) -> None:
+    onset = UncertainFamily(two_masses).onset(4.0)
+    cut = prove_in_parts(two_masses, 0.999 * onset.size, onset.frequency_radps)
+    assert cut
+    assert max(part.largest_psi for part in cut) < 0.0
+    volume = sum(np.prod(list(part.half.values())) for part in cut)
+    assert volume == pytest.approx((0.999 * onset.size) ** 3)
+    assert prove_in_parts(two_masses, 1.01 * onset.size, onset.frequency_radps, cuts=1) == ()

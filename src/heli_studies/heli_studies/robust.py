@@ -49,12 +49,11 @@ from heli_inner_hinf.loops import (
 from heli_inner_hinf.robust.certificate import (
     CommonBound,
     RobustCertificate,
-    UncertainSystem,
     certify,
     common_bound,
     contraction_of,
-    real,
 )
+from heli_inner_hinf.robust.parts import ProvedPart, loop_of, prove_in_parts
 from heli_inner_hinf.robust.uncertain import Range, Uncertain, uncertain_Matrix
 from heli_inner_hinf.robust.worst_case import (
     GainFamily,
@@ -808,6 +807,10 @@ class DelayCase:
         The worst aircraft found; nothing smaller was found to be unstable.
     certificate : RobustCertificate
         Up to 1 / level times the ranges no aircraft is unstable.
+    parts : tuple of ProvedPart
+        Where that stays further behind the worst aircraft than asked: the larger box, `whole` times
+        the ranges, proved in parts. Empty where it did not, or where not all parts are proved.
+    whole : float
     largest_psi : float
         The second look at the proof; holds below 0.
     exact_onset : float
@@ -823,11 +826,20 @@ class DelayCase:
     largest_psi: float
     exact_onset: float
     flown_onset: float = float("nan")
+    parts: tuple[ProvedPart, ...] = ()
+    whole: float = 0.0
 
     @property
     def proved(self) -> float:
         """The robust stability margin is not below this."""
-        return 1.0 / self.certificate.level
+        return self.whole if self.parts else 1.0 / self.certificate.level
+
+    @property
+    def pieces(self) -> int:
+        """Intervals of frequency that the proof is made of."""
+        if self.parts:
+            return sum(len(part.certificate.pieces) for part in self.parts)
+        return len(self.certificate.pieces)
 
 
 @dataclass(frozen=True)
@@ -929,15 +941,17 @@ def onset_of(A: Uncertain, ticks: int) -> InstabilityOnset:
 def _case(aircraft: AircraftSet, law: OutputFeedback, ticks: int, gap: float) -> DelayCase:
     A = uncertain_loop(aircraft, law, ticks)
     onset = onset_of(A, ticks)
-    system = UncertainSystem(A.D, A.C, A.B, A.A)
-    blocks = [real(name, A.channels.count(name)) for name in dict.fromkeys(A.channels)]
+    system, blocks = loop_of(A)
+    wanted, parts = min(onset.size, FURTHEST) / (1.0 + gap), tuple[ProvedPart, ...]()
     try:
-        proof = certify(system, blocks, (1.0 + gap) / min(onset.size, FURTHEST))
+        proof = certify(system, blocks, 1.0 / wanted)
+        if proof.level * wanted > 1.0 and np.isfinite(onset.size):
+            parts = prove_in_parts(A, wanted, onset.frequency_radps)
     except RobustError as error:
         raise ParameterError(f"robust: {ticks} ticks of delay: {error}") from None
-    return DelayCase(
-        ticks, onset, proof, proof.largest_psi(system), exact_onset(aircraft, law, ticks, onset)
-    )
+    looks = [part.largest_psi for part in parts] or [proof.largest_psi(system)]
+    found = exact_onset(aircraft, law, ticks, onset)
+    return DelayCase(ticks, onset, proof, max(looks), found, parts=parts, whole=wanted)
 
 
 def _with_gains(proof: Proof, settings: Settings, gap: float) -> Proof:
@@ -1008,7 +1022,9 @@ def as_dict(proof: Proof) -> dict[str, Any]:
                 "frequency_radps": case.onset.frequency_radps,
                 "exact_onset": _finite(case.exact_onset),
                 "flown_onset": _finite(case.flown_onset),
-                "pieces": len(case.certificate.pieces),
+                "gap": _finite(case.onset.size / case.proved - 1.0),
+                "parts": max(len(case.parts), 1),
+                "pieces": case.pieces,
                 "largest_psi": case.largest_psi,
                 "worst_aircraft": proof.aircraft.values(case.onset.deltas),
             }
@@ -1057,7 +1073,7 @@ def print_proof(proof: Proof, out: Console) -> None:
             f"{case.onset.frequency_radps:.2f}" if case.onset.deltas else "-",
             f"{case.exact_onset:.3f}" if np.isfinite(case.exact_onset) else "-",
             f"{case.flown_onset:.3f}" if np.isfinite(case.flown_onset) else "-",
-            str(len(case.certificate.pieces)),
+            str(case.pieces),
         )
     out.print(rows)
     worst = proof.worst

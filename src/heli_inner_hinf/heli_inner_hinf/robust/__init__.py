@@ -20,8 +20,15 @@ __getattr__, __dir__, __all__ = face(
             "real",
         ],
         "mu_synthesis": ["MuLaw", "dk_iteration"],
+        "parts": ["ProvedPart", "prove_in_parts"],
         "sampled_norm": ["HeldPlant", "SampledLaw", "sampled_norm"],
         "uncertain": ["Range", "Uncertain", "balancing", "truncated"],
-        "worst_case": ["UncertainFamily", "GainFamily", "Onset", "WorstGain", "worst_gain"],
+        "worst_case": [
+            "UncertainFamily",
+            "GainFamily",
+            "InstabilityOnset",
+            "WorstGain",
+            "worst_gain",
+        ],
     },
 )

@@ -182,6 +182,18 @@ class Uncertain:
         n = len(self.channels)
         return self.D + self.C * delta @ np.linalg.solve(np.eye(n) - self.A * delta, self.B)
 
+    def within(self, centre: Mapping[str, float], half: Mapping[str, float]) -> Uncertain:
+        """The same dependence in deviations of +-1 from `centre`, `half` wide to each side.
+
+        Every parameter is named in both.
+        """
+        c = np.array([centre[name] for name in self.channels])
+        r = np.array([half[name] for name in self.channels])
+        about = np.linalg.inv(np.eye(len(c)) - self.A * c)
+        A, B = about @ (self.A * r), about @ self.B
+        C, D = self.C * r + self.C * c @ A, self.D + self.C * c @ B
+        return Uncertain(self.channels, A, B, C, D)
+
     def reduced(self, share: float = _RANK) -> Uncertain:
         """The same dependence with as few channels of each parameter as ranks allow.
 

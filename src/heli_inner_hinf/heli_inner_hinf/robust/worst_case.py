@@ -4,8 +4,9 @@
 Lower bounds of what `certificate` bounds from above, each with the parameters that prove it. The
 search is the power iteration of real parameters, made with eigenvalues: with y, x the left and
 right eigenvectors of the mode that is nearest to instability, every parameter goes to the end to
-which Re(y* dA x / y* x) points, until no sign changes. Then a descent of the smallest damping ratio
-from starts all over a slightly smaller box: the worst member may lie inside of it.
+which Re(y* dA x / y* x) points, until no sign changes. Then every corner of the box, where there
+are not too many: the iteration is local and may end at another one. Then a descent of the smallest
+damping ratio from starts all over a slightly smaller box: the worst member may lie inside of it.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ _FIRST_CROSSING = 60
 _TO_ONSET = 1e-10
 _STARTS = 24
 _INSIDE, _CLIMBS, _SHRUNK = 40, 25, 0.98
+_MOST_CORNERS = 12
+"""With more parameters than these the corners are too many to look at."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,31 @@ class UncertainFamily:
                     named = dict(zip(self.names, (size * pattern).tolist(), strict=True))
                     best = InstabilityOnset(size, named, abs(float(now[critical].imag)))
                 pattern = _signs(now_slopes[critical].real)
-        return self._smaller(best, most)
+        return self._smaller(self._corner(best, most), most)
+
+    def _corner(self, best: InstabilityOnset, most: float) -> InstabilityOnset:
+        """The best so far, or the corner of a box, unstable at its size, that is first unstable."""
+        k = len(self.names)
+        if k > _MOST_CORNERS:
+            return best
+        for number in range(2**k):
+            pattern = np.where((number >> np.arange(k)) & 1, 1.0, -1.0)
+            size = min(best.size, most)
+            if self.abscissa(size * pattern) >= 0.0:
+                best = self._first(pattern, size, best)
+        return best
+
+    def _first(
+        self, pattern: NDArray[np.float64], most: float, best: InstabilityOnset
+    ) -> InstabilityOnset:
+        """The onset along a pattern, up to `most`, if it is smaller than the best."""
+        size = self._along(pattern, most)
+        if size >= best.size:
+            return best
+        modes = np.linalg.eigvals(self.matrix(size * pattern))
+        named = dict(zip(self.names, (size * pattern).tolist(), strict=True))
+        frequency = abs(float(modes[int(np.argmax(modes.real))].imag))
+        return InstabilityOnset(size, named, frequency)
 
     def _smaller(self, best: InstabilityOnset, most: float) -> InstabilityOnset:
         """Smaller deviations than the best so far, from starts all over a box that is smaller.
@@ -130,13 +157,7 @@ class UncertainFamily:
             )
             if optimum.fun >= 0.0:
                 continue
-            pattern = optimum.x / np.max(np.abs(optimum.x))
-            size = self._along(pattern, size)
-            if size < best.size:
-                modes = np.linalg.eigvals(self.matrix(size * pattern))
-                named = dict(zip(self.names, (size * pattern).tolist(), strict=True))
-                frequency = abs(float(modes[int(np.argmax(modes.real))].imag))
-                best = InstabilityOnset(size, named, frequency)
+            best = self._first(optimum.x / np.max(np.abs(optimum.x)), size, best)
         return best
 
     def _downhill(self, delta: uncertain_Matrix) -> tuple[float, uncertain_Matrix]:
