@@ -80,6 +80,9 @@ CALLS = {
     "compare attitude": ["compare", "attitude", *ONE],
     "compare robustness": ["compare", "robustness", "--n", "1", "--duration", "3"],
     "compare controller": ["compare", "controller", "{law}", *ONE],
+    "compare aircraft": [
+        "compare", "aircraft", "--aircraft", "blade360", "--worlds", "paper", "--seeds", "1..1",
+    ],
     "compare worlds": ["compare", "worlds", "--worlds", "paper", *ONE[:4]],
     "compare laws": [
         "compare", "laws", "--worlds", "paper", "--control-preset", "packaged", "--n", "0",

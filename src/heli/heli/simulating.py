@@ -409,7 +409,7 @@ class Simulation:
             The plant is one of your own.
         """
         flight = self._begun()
-        if self._parts.plant is not None:
+        if flight.has_own_plant:
             raise ParameterError("linearize: of a plant of your own; allowed: the packaged one")
         k, s = flight.loop.plant_k, flight.loop.plant_s
         return linearize_at(s.x, flight.u, s.air, k.aircraft, k.delay_ticks * k.tick_s)

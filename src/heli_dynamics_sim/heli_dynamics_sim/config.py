@@ -508,6 +508,13 @@ class PlantConfig:
         AircraftError
             If the aircraft file cannot be used.
         """
+        if values["linear_model"]:
+            raise PlantConfigError(
+                f"{values['linear_model']}: a linear aircraft is flown in one process alone "
+                "(heli hover --one-process, heli.fly); allowed here: none",
+                ParameterCause.CONFLICT,
+                key="linear_model",
+            )
         position = np.array(values["initial.pos_ned_m"], float)
         rate = rate or Rate.of_parameters(values)
         helicopter = replace(

@@ -302,6 +302,11 @@ NODE_NAME = "plant"
 
 _NODE = (
     row("aircraft_file", "string", "Aircraft: a path, or a bare name in config/aircraft"),
+    row(
+        "linear_model",
+        "string",
+        "Linear aircraft that flies instead: a path, or a name in config/linear; empty: none",
+    ),
     row("seed", "int", "Seed of wind and sensors", lower=0, upper=2**31 - 1),
     row("lockstep", "bool", "Wait for each command (true) or follow the wall clock (false)"),
     real("duration_s", "Length of the flight", "s", TICK_S, 86400.0),

@@ -49,7 +49,9 @@ __all__ = [
     "PlantState",
     "PlantStatus",
     "advance",
+    "command_in_force",
     "initial_state",
+    "judge",
     "measure",
     "meet_air",
     "read",
@@ -235,7 +237,7 @@ def measure(state, tick, noise_row, k, y):
 
 
 @njit
-def _judge(x, k):
+def judge(x, k):
     """PlantStatus (int) of a state."""
     for i in range(x.shape[0]):
         if not math.isfinite(x[i]):
@@ -255,6 +257,25 @@ def _judge(x, k):
 
 
 @njit
+def command_in_force(state, u_cmd, k, u):
+    """Put a tick's command (4,) into the delay line; what is flown now into u (4,).
+
+    Arguments as of `advance`.
+    """
+    for i in range(ACTUATOR.size):
+        u[i] = state.commands[0, i] if k.delay_ticks > 0 else u_cmd[i]
+    for j in range(k.delay_ticks):
+        for i in range(ACTUATOR.size):
+            last = j == k.delay_ticks - 1
+            state.commands[j, i] = u_cmd[i] if last else state.commands[j + 1, i]
+    if state.pilot[0] > 0.0:
+        state.pilot[0] -= 1.0
+        for i in range(ACTUATOR.size):
+            u[i] = state.pilot[1 + i]
+    spoil_command(state.faults, k.faults, u)
+
+
+@njit
 def advance(state, u_cmd, k):
     """Carry the aircraft over one tick; the command enters the delay line.
 
@@ -269,22 +290,12 @@ def advance(state, u_cmd, k):
     if state.flags[0] == _NOT_FINITE:
         return
     u = scratch(_N_ACTUATOR)
-    for i in range(ACTUATOR.size):
-        u[i] = state.commands[0, i] if k.delay_ticks > 0 else u_cmd[i]
-    for j in range(k.delay_ticks):
-        for i in range(ACTUATOR.size):
-            last = j == k.delay_ticks - 1
-            state.commands[j, i] = u_cmd[i] if last else state.commands[j + 1, i]
-    if state.pilot[0] > 0.0:
-        state.pilot[0] -= 1.0
-        for i in range(ACTUATOR.size):
-            u[i] = state.pilot[1 + i]
-    spoil_command(state.faults, k.faults, u)
+    command_in_force(state, u_cmd, k, u)
     aircraft = _aircraft_now(state, k)
     for _ in range(k.substeps):
         rk4_step(state.x, u, state.air, aircraft, k.step_s, state.work)
         if state.flags[0] == _OK:
-            state.flags[0] = _judge(state.x, k)
+            state.flags[0] = judge(state.x, k)
     if state.spool[0] > 0.0:
         state.spool[0] -= 1.0
         if state.spool[0] == 0.0:

@@ -523,14 +523,14 @@ class ImuNormals(NamedTuple):
 
 
 @njit
-def _read_imu(imu, tick, x, air, normals, aircraft, k, out):
-    """What one IMU (ImuState) says, (6,), places of `rows.IMU`; its biases walk."""
-    force, rate, true_rate = out[IMU.force], out[IMU.rate], x[PLANT.rate]
-    specific_force(x, air, aircraft, force)
+def _spoil_imu(imu, tick, true_rate, omega, normals, k, out):
+    """Make of the true specific force in out (6,), places of `rows.IMU`, and of the true rates what
+    one IMU (ImuState) says; its biases walk. omega: speed of the main rotor, rad/s."""
+    force, rate = out[IMU.force], out[IMU.rate]
     for i in range(3):
         rate[i] = true_rate[i]
     if k.errors.on:
-        distort(imu.errors, tick, rotor_speed(x, aircraft), normals.clock, k.errors, out)
+        distort(imu.errors, tick, omega, normals.clock, k.errors, out)
     for i in range(3):
         if tick > 0:
             imu.gyro_bias[i] += k.gyro_walk * normals.gyro_walk[i]
@@ -542,8 +542,8 @@ def _read_imu(imu, tick, x, air, normals, aircraft, k, out):
 
 
 @njit
-def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
-    """Fill specific force and rates of the measurement row y; biases walk."""
+def spoil_imu(sensors, tick, x, omega, noise, k, y):
+    """What the first IMU says, for the true specific force in the row y; biases walk."""
     first = referred(ImuState(sensors.gyro_bias, sensors.accel_bias, sensors.imu))
     normals = ImuNormals(
         noise[NOISE.gyro],
@@ -552,15 +552,12 @@ def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
         noise[NOISE.accel_walk],
         noise[NOISE.imu_clock],
     )
-    _read_imu(first, tick, x, air, normals, aircraft, k, y[MEAS.imu])
+    _spoil_imu(first, tick, x[PLANT.rate], omega, normals, k, y[MEAS.imu])
 
 
 @njit
-def read_imu2(sensors, tick, x, air, noise, aircraft, k, y):
-    """The same of the second IMU: errors of its own, shaken by the same rotor; zeros without it."""
-    if not k.imu2:
-        fill(y[MEAS.imu2], 0.0)
-        return
+def spoil_imu2(sensors, tick, x, omega, noise, k, y):
+    """The same of the second IMU: errors of its own, shaken by the same rotor."""
     normals = ImuNormals(
         noise[NOISE.gyro2],
         noise[NOISE.accel2],
@@ -568,7 +565,24 @@ def read_imu2(sensors, tick, x, air, noise, aircraft, k, y):
         noise[NOISE.accel2_walk],
         noise[NOISE.imu2_clock],
     )
-    _read_imu(sensors.imu2, tick, x, air, normals, aircraft, k.imu, y[MEAS.imu2])
+    _spoil_imu(sensors.imu2, tick, x[PLANT.rate], omega, normals, k.imu, y[MEAS.imu2])
+
+
+@njit
+def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
+    """Fill specific force and rates of the measurement row y."""
+    specific_force(x, air, aircraft, y[MEAS.force])
+    spoil_imu(sensors, tick, x, rotor_speed(x, aircraft), noise, k, y)
+
+
+@njit
+def read_imu2(sensors, tick, x, air, noise, aircraft, k, y):
+    """The same of the second IMU; zeros without it."""
+    if not k.imu2:
+        fill(y[MEAS.imu2], 0.0)
+        return
+    specific_force(x, air, aircraft, y[MEAS.force2])
+    spoil_imu2(sensors, tick, x, rotor_speed(x, aircraft), noise, k, y)
 
 
 @njit

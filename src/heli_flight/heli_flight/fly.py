@@ -23,6 +23,7 @@ from heli_core.jit import is_compiled
 from heli_core.python_controller import PARAMETER, PythonLaw, find
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import seconds
+from heli_dynamics_sim.linear_aircraft import PARAMETER as LINEAR
 from heli_flight import interrupts
 from heli_flight.flight_file import NAME, NO_PROCESSES, read_faults, write_parameters
 from heli_flight.graph.live import LiveOrder, LiveView, live_view
@@ -166,7 +167,7 @@ def fly_one_process(
     """
     from heli_flight.loop import fly_settings
 
-    flies_python = bool(laws or parts or own_laws(settings))
+    flies_python = bool(laws or parts or own_laws(settings) or settings.nodes["plant"][LINEAR])
     with still_compiling(out, tell_if_it_compiles(out, flies_python)):
         if not flies_python:
             # Loads the compiled loop, so that flying is timed.

@@ -40,10 +40,11 @@ from heli_core.ticks import Rate
 from heli_core.trajectory import reference_at
 from heli_dynamics_sim import noise, plant, servo
 from heli_dynamics_sim.helicopter import same_air
+from heli_dynamics_sim.linear_aircraft import PARAMETER as LINEAR
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.wind import injected_gust
 from heli_flight.course import Course
-from heli_flight.parts import Parts
+from heli_flight.parts import Parts, with_linear, without_linear
 from heli_flight.record import FlightRecord, FlightTrack, empty_track, record_of
 from heli_flight.settings import Settings, own_laws, refuse_own_laws, without_own
 from heli_inner_hinf import controllers as inner
@@ -406,7 +407,7 @@ def build(
     Parameters
     ----------
     settings : Settings
-        Without a law in Python: that is flown by `fly_settings`.
+        Without a law in Python or a linear aircraft: these are flown by `fly_settings`.
     true_navigation : bool
         As in `simulate`.
     plant_config : PlantConfig, optional
@@ -480,6 +481,8 @@ def simulate(settings: Settings, true_navigation: bool = False, progress=None) -
     -------
     LoopFlight
     """
+    if settings.nodes["plant"][LINEAR] and not true_navigation:
+        return fly_settings(settings, progress=progress)
     return fly_loop(build(settings, true_navigation), settings, progress)
 
 
@@ -583,10 +586,11 @@ def fly_settings(
     """
     parts = parts or Parts()
     controllers = laws or parts.controllers or [find(s) for s in own_laws(settings).values()]
-    parts = replace(parts, controllers=controllers)
+    parts = with_linear(replace(parts, controllers=controllers), settings.nodes)
     if not parts:
         return simulate(settings, progress=progress)
-    loop = build(without_own(settings))
+    compiled = replace(settings, nodes=without_linear(settings.nodes))
+    loop = build(without_own(compiled))
     ticks = TicksWithParts(loop, parts, settings)
     flight = fly_loop(loop, settings, progress, ticks.fly)
     why = ticks.failure
@@ -797,8 +801,17 @@ class TicksWithParts:
             return GAVE_UP
         if self._parts.plant is None:
             return int(self._calls["act"](loop, loop.links, tick, u))
+        status = self.status(loop)
+        if status != 0:
+            return status
         self._ask("plant", self._parts.plant, "step", tick, tick, u.copy())
         return GAVE_UP if self.failure else 0
+
+    def status(self, loop: AircraftInLoop) -> int:
+        """PlantStatus of now, of the plant that flies."""
+        if self._parts.plant is None:
+            return int(plant.status(loop.plant_s, loop.plant_k))
+        return int(getattr(self._parts.plant, "status", plant.PlantStatus.OK))
 
 
 def _compiled(loop: AircraftInLoop) -> dict[str, Callable[..., Any]]:

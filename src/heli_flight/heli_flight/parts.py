@@ -6,7 +6,7 @@ whose places stand in `heli_core.rows`: `MEAS` (31,), `TRUTH` (19,), `NAV` (31,)
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,12 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from heli_core.errors import PartError
 from heli_core.python_controller import LawError, PythonLaw
+from heli_dynamics_sim.linear_aircraft import PARAMETER as LINEAR
+from heli_dynamics_sim.linear_plant import LinearPlant
 
 Nodes = Mapping[str, Mapping[str, Any]]
 
 
 class Plant(Protocol):
-    """An aircraft with its sensors, in the place of the simulated one."""
+    """An aircraft with its sensors, in the place of the simulated one.
+
+    It may have a `status`, a `PlantStatus`: other than OK, the flight ends there as lost.
+    """
 
     def reset(self, rng: np.random.Generator, tick_s: float, nodes: Nodes) -> None:
         """Begin a flight.
@@ -137,3 +142,21 @@ class Parts:
 
     def __bool__(self) -> bool:
         return bool(self.named() or self.controllers)
+
+
+def with_linear(parts: Parts, nodes: Nodes) -> Parts:
+    """The parts, and the linear aircraft that the parameters name where no plant is given.
+
+    Raises
+    ------
+    AircraftError, PlantConfigError, PartError
+    """
+    if parts.plant is not None:
+        return parts
+    plant = LinearPlant.of_parameters(nodes["plant"])
+    return parts if plant is None else replace(parts, plant=plant)
+
+
+def without_linear(nodes: Nodes) -> dict[str, Any]:
+    """The parameters for the compiled loop, which a linear aircraft is no plant of."""
+    return {**nodes, "plant": {**nodes["plant"], LINEAR: ""}}

@@ -12,7 +12,7 @@ command nothing of their own is the flight of `loop.fly_loop`, bit for bit.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -39,7 +39,7 @@ from heli_flight.loop import (
     perceive,
     what_changes,
 )
-from heli_flight.parts import Parts
+from heli_flight.parts import Parts, with_linear, without_linear
 from heli_flight.settings import Settings, without_own
 from heli_inner_hinf import estimate
 from heli_inner_hinf.ground_and_manual import stand_by
@@ -260,8 +260,9 @@ class SteppedFlight:
 
     def __init__(self, settings: Settings, parts: Parts | None = None) -> None:
         self.settings, self.rate = settings, settings.rate
-        self.loop = loop = build(without_own(settings))
-        self._parts = parts or Parts()
+        compiled = replace(settings, nodes=without_linear(settings.nodes))
+        self.loop = loop = build(without_own(compiled))
+        self._parts = with_linear(parts or Parts(), settings.nodes)
         self._ticks = TicksWithParts(loop, self._parts, settings) if self._parts else None
         self.setpoint, self.u = first_commands(loop, settings)
         self.truth, self._given = np.zeros(TRUTH.size), np.zeros(SETPOINT.size)
@@ -351,8 +352,12 @@ class SteppedFlight:
         changed = bool(what_changes(loop.outer_s) != before)
         if ticks.act(loop, tick, u) == 0:
             ticks.perceive(loop, tick + 1, noise_row, u, truth)
-        status = int(plant.status(loop.plant_s, loop.plant_k))
-        return status or (_CHANGED if changed else 0)
+        return ticks.status(loop) or (_CHANGED if changed else 0)
+
+    @property
+    def has_own_plant(self) -> bool:
+        """Whether an object flies in the place of the simulated helicopter."""
+        return self._parts.plant is not None
 
     # ---------------------------------------------------------------------------------------------
 

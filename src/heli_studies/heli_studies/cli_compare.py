@@ -221,6 +221,42 @@ def compare_controller(
 
 
 @compare.command(
+    "aircraft",
+    epilog="\b\nexample:\n  heli compare aircraft --aircraft all --seeds 1..20\n"
+    "  heli compare aircraft --aircraft blade360 --worlds honest",
+)
+def compare_aircraft(
+    aircraft: Annotated[
+        str,
+        typer.Option("--aircraft", metavar="NAMES", help="published linear aircraft: any, or all"),
+    ] = "all",
+    seeds: Seeds = "1..20",
+    worlds: Annotated[
+        str,
+        typer.Option("--worlds", metavar="NAMES", help="paper, honest, hard, YAML files: any"),
+    ] = "paper,honest,hard",
+    as_json: Json = False,
+) -> int:
+    """Design for published linear aircraft and fly the hover test on each."""
+    from heli_flight.fly import tell_if_it_compiles
+    from heli_flight.terminal import console, json_text, steps
+    from heli_studies import published as study
+    from heli_studies.campaign.run import parse_seeds
+
+    names, numbers, where = study.names_of(aircraft), parse_seeds(seeds), worlds.split(",")
+    start, total = time.monotonic(), len(names) * len(study.LAWS) * len(where) * len(numbers)
+    tell_if_it_compiles(console(stderr=True), True)
+    with steps("flights", total) as progress:
+        content = study.compare_aircraft(names, where, numbers, progress)
+    if as_json:
+        print(json_text(content), end="")
+        return 0
+    study.print_aircraft(content, console())
+    console().print(f"{total} flights in {time.monotonic() - start:.1f} s")
+    return 0
+
+
+@compare.command(
     "worlds",
     cls=CommandWithRenamed,
     epilog="\b\nexample:\n  heli compare worlds --seeds 1..20\n"

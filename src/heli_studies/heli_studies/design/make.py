@@ -18,6 +18,7 @@ from heli_core.rcl_yaml import ParameterError, dump_all
 from heli_core.rows import ACTUATOR, INPUT_NAMES, MEASURED, NINE
 from heli_core.ticks import TICK_S, ticks_in
 from heli_dynamics_sim.aircraft import HelicopterParameters, find_aircraft
+from heli_dynamics_sim.linear_aircraft import PARAMETER as LINEAR
 from heli_dynamics_sim.trim import (
     linearize,
     trim,
@@ -57,6 +58,7 @@ from heli_outer_pd.analysis import (
     AxisReport,
 )
 from heli_studies.design import rivals
+from heli_studies.design.linear import NO_GROUND, is_linear, linear_basis
 
 if TYPE_CHECKING:
     import control
@@ -294,7 +296,7 @@ class FinishedDesign:
         What the loop as flown survives on top of its own delay.
     outer : tuple of AxisReport
         The position loop with its present gains, forward, right, down; empty for an identified
-        aircraft.
+        and for a linear aircraft.
     outer_together : DiskMargin or None
         With its three channels broken together, the axes as they meet in the aircraft.
     values : dict
@@ -380,6 +382,9 @@ def make_design(
 def aircraft_basis(settings: Settings, aircraft: str | None = None) -> Basis:
     """Trim and linearise an aircraft file; arguments and errors as in `make_design`."""
     plant = settings.nodes["plant"]
+    linear_model = aircraft or plant[LINEAR]
+    if is_linear(linear_model):
+        return Basis(**linear_basis(linear_model, plant)._asdict())
     file = aircraft or plant["aircraft_file"]
     helicopter = HelicopterParameters.from_yaml(file)
     if aircraft is not None and Path(file).is_file():
@@ -482,8 +487,11 @@ def design_of(
     outer: tuple[AxisReport, ...] = ()
     together = None
     if basis.plant:
-        tell("position loop")
         values["plant"] = dict(basis.plant)
+    if LINEAR in basis.plant:
+        values["inner_loop"] |= NO_GROUND
+    if basis.plant and LINEAR not in basis.plant:
+        tell("position loop")
         outer_parameters = {**settings.nodes["outer_loop"], **values["outer_loop"]}
         around = {**(air or settings.nodes["plant"]), **basis.plant}
         position = position_loop(around, outer_parameters, loops[-1], model, actuation)
@@ -547,7 +555,11 @@ def _outer_values(basis: Basis, attitude: Loop) -> dict[str, Any]:
         "trim.theta": float(basis.x_trim[NINE.theta]),
         "trim.d_col": float(basis.u_trim[ACTUATOR.col]),
         "disturbance.attitude_lag_s": np.round(attitude_lags_s(attitude), 2),
-        **{key: value for key, value in basis.outer.items() if key.startswith("rotor.")},
+        **{
+            key: value
+            for key, value in basis.outer.items()
+            if key.startswith("rotor.") or key == "blade_pitch_floor"
+        },
     }
 
 
