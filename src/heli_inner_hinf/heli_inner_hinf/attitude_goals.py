@@ -159,6 +159,15 @@ def output_start(pid: Vector, order: int, damping_radps: float = 5.0) -> Vector:
     return np.block([[A, B], [C, law.D]]).ravel()
 
 
+def output_scale(order: int) -> Vector:
+    """Sizes of the parameters of `output_structure`: rates count a tenth of angles, memory slow."""
+    of_v = np.full(N_V, 0.3)
+    of_v[_RATES] = 0.03
+    A, C = np.full((order, order), 0.02), np.full((N_U, order), 0.3)
+    B, D = np.tile(0.05 * of_v, (order, 1)), np.tile(of_v, (N_U, 1))
+    return np.block([[A, B], [C, D]]).ravel()
+
+
 def flyable(law: System) -> OutputLaw:
     """The law as the kernel flies it; its memory rests where an actuator is cut off.
 
