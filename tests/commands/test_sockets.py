@@ -58,6 +58,7 @@ CALLS = {
     "design": ["design", "--out", "{own}"],
     "identify": ["identify", "--out", "{own}"],
     "robust": ["robust", "--params", "{ranges}", "--out", "{own}"],
+    "tune": ["tune", "--iterations", "1", "--out", "{own}"],
     "score": ["score", "{long}", "--mte", "hover"],
     "bag info": ["bag", "info", "{flight}"],
     "log info": ["log", "info", "{flight}"],

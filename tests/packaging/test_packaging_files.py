@@ -171,11 +171,13 @@ def test_aircraft_files_load():
 def test_no_yaml_is_outside_these_tests():
     """A parameter file that nothing loads would rot."""
     flight = ROOT / "src/heli_flight/config"
-    known = {COMMON, *(flight / f"{name}.yaml" for name in ("flight", "robust", "scenario"))}
+    sections = ("flight", "robust", "scenario", "tune")
+    known = {COMMON, *(flight / f"{name}.yaml" for name in sections)}
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
         known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*")}
         known |= {*folder.glob("gps_*.yaml"), *folder.glob("sensors_*.yaml")}
+    known |= {flight / "tuned_pid.yaml"}
     for kind in ("scenarios", "worlds", "laws", "designs", "identify"):
         known |= set((ROOT / "src/heli_flight/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("*/config/**/*.yaml")) - known == set()

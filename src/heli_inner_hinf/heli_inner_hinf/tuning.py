@@ -325,7 +325,7 @@ def variances(law: OutputLaw, one: SampledAircraft, air: Surroundings) -> Varian
     States: the plant's, wind, load, the navigation's slow errors and commands, the law's.
     """
     plant, law_at = one.flown[0].shape[0], slice(-law.A.shape[0] or None, None)
-    D, B_d, acting, read = _surrounding(air)
+    D, B_d, acting, read = shaped_noise(air)
     size = plant + len(D) + law.A.shape[0]
     here, there = slice(0, plant), slice(plant, plant + len(D))
     # v of the law: what is measured, with slow errors, and the commands; white noise of the rates
@@ -356,7 +356,7 @@ def variances(law: OutputLaw, one: SampledAircraft, air: Surroundings) -> Varian
     return Variances(_diagonal(error, P), step)
 
 
-def _surrounding(air: Surroundings) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+def shaped_noise(air: Surroundings) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """What moves the loop, driven by white noise of unit variance, one step a tick.
 
     Returns

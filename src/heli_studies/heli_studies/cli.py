@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What studies add to the command `heli`: compare, campaign, design, identify, log, robust, score.
+"""What studies add to the command `heli`: compare, campaign, design, identify, log, robust, score,
+tune.
 
 Each command imports what it needs when it runs.
 """
@@ -22,6 +23,7 @@ from heli_flight.cli.common import (
     Json,
     Params,
 )
+from heli_studies.tune_command import TUNE_EPILOG, tune
 
 if TYPE_CHECKING:
     pass
@@ -461,4 +463,5 @@ def add_to(app: typer.Typer) -> None:
     app.command(epilog=IDENTIFY_EPILOG)(identify)
     app.command(cls=CommandWithRenamed, epilog=ROBUST_EPILOG)(robust)
     app.command(epilog=SCORE_EPILOG)(score)
+    app.command(epilog=TUNE_EPILOG)(tune)
     app.add_typer(logs, name="log")

@@ -1,0 +1,472 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli tune`: an attitude law of a given structure for several aircraft and worlds at once.
+
+Goals come from a YAML file, the aircraft from aircraft files, what a world changes of them (its
+flap-back, its delay) from the worlds; `heli_inner_hinf.fixed_structure` finds the numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from heli_core.command_line import config_folder
+from heli_core.errors import SynthesisError
+from heli_core.folders import write_whole
+from heli_core.foreign_files import FileError, read_yaml
+from heli_core.rcl_yaml import ParameterError, dump_all, file_refusal
+from heli_core.ticks import TICK_S
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_dynamics_sim.trim import flap_back_in_hover, linearize, trim
+from heli_flight.settings import resolve
+from heli_flight.terminal import table
+from heli_inner_hinf.attitude_goals import (
+    COST,
+    DISK_MARGIN_AT,
+    INPUT_GROUPS,
+    OUTPUT_GROUPS,
+    SURROUNDINGS,
+    flyable,
+    loop_plant,
+    margin_plant,
+    output_scale,
+    output_start,
+    output_structure,
+    pid_structure,
+    surroundings_plant,
+)
+from heli_inner_hinf.controller_state import MAX_ORDER, Actuation
+from heli_inner_hinf.fixed_structure import (
+    Goal,
+    Kind,
+    Plant,
+    Problem,
+    Reached,
+    Structure,
+    Tuned,
+    Vector,
+)
+from heli_inner_hinf.fixed_structure import tune as tune_problem
+from heli_inner_hinf.loops import Model
+from heli_inner_hinf.synthesis import N_H, N_U, N_X
+from heli_inner_hinf.tuning import CostScales, SampledAircraft, Surroundings, gains_of, tune_pid
+from heli_studies.robust import with_values
+
+WORLDS = ("paper", "honest")
+"""Where the law has to do unless others are named: the rotor flaps back in the second."""
+PID, OUTPUT = "pid", "output"
+_GAINS = ("pid.K_P", "pid.K_I", "pid.K_D")
+_KEYS = {"name", "kind", "bound", "hard", "from", "to", "at", "further_ticks"}
+_MOST_TICKS = 10
+SAME = 0.01
+"""Relative difference of the worst soft share up to which two laws are as good as each other."""
+
+
+@dataclass(frozen=True)
+class TuneOrder:
+    """What is asked for.
+
+    Attributes
+    ----------
+    structure : str
+        "pid", or "output:N" for output feedback of order N.
+    aircraft : tuple of str
+        Names or files; empty: the plant's.
+    worlds : tuple of str
+    goals : path, optional
+        Default: the packaged file.
+    bounds : mapping of str to float
+        By name of a goal, over the file's.
+    starts, seed, iterations : int
+        As of `fixed_structure.tune`.
+    """
+
+    structure: str = PID
+    aircraft: tuple[str, ...] = ()
+    worlds: tuple[str, ...] = WORLDS
+    goals: Path | None = None
+    bounds: Mapping[str, float] | None = None
+    starts: int = 1
+    seed: int = 0
+    iterations: int = 400
+
+
+@dataclass(frozen=True)
+class TuneResult:
+    """What came of it.
+
+    Attributes
+    ----------
+    order : TuneOrder
+    tuned : Tuned
+    before : tuple of Reached
+        The same goals with the law that the search began with.
+    values : mapping of node to mapping of parameter to value
+        What flies the law.
+    """
+
+    order: TuneOrder
+    tuned: Tuned
+    before: tuple[Reached, ...]
+    values: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def exit_code(self) -> int:
+        """0 where every hard goal is kept."""
+        return 0 if all(one.met for one in self.tuned.reached if one.goal.hard) else 1
+
+
+# -------------------------------------------------------------------------------------------------
+# What is asked for.
+# -------------------------------------------------------------------------------------------------
+
+
+def _order_of(structure: str) -> int | None:
+    """Order of output feedback; None of a PID."""
+    if structure == PID:
+        return None
+    name, _, order = structure.partition(":")
+    if name == OUTPUT and order.isdecimal() and int(order) <= MAX_ORDER:
+        return int(order)
+    raise ParameterError(
+        f"--structure {structure!r} is not allowed; allowed: {PID}, {OUTPUT}:N with N from 0 to "
+        f"{MAX_ORDER}"
+    )
+
+
+def aircraft_of(order: TuneOrder) -> tuple[SampledAircraft, ...]:
+    """Every aircraft as it flies in every world; those that are alike once.
+
+    Raises
+    ------
+    ParameterError, AircraftError, TrimError
+    """
+    found: list[SampledAircraft] = []
+    for name in order.aircraft or (None,):
+        for world in order.worlds:
+            plant = resolve(world=world).nodes["plant"]
+            file = name or plant["aircraft_file"]
+            helicopter = HelicopterParameters.from_yaml(file)
+            if plant["terms.flap_back"]:
+                values = {"flap_back": flap_back_in_hover(helicopter)}
+                helicopter = with_values(helicopter, values)
+            linear = linearize(helicopter, trim(helicopter))
+            actuation = Actuation(
+                helicopter.servo_bandwidth_radps,
+                helicopter.servo_damping,
+                int(plant["delay_ticks"]) * TICK_S,
+            )
+            one = SampledAircraft(
+                f"{Path(file).stem}, {Path(world).stem}", linear.A, linear.B, linear.E, actuation
+            )
+            if not any(_alike(one, other) for other in found):
+                found.append(one)
+    return tuple(found)
+
+
+def _alike(one: SampledAircraft, other: SampledAircraft) -> bool:
+    same = all(np.array_equal(getattr(one, k), getattr(other, k)) for k in "ABE")
+    return same and one.actuation == other.actuation
+
+
+def read_goals(order: TuneOrder) -> list[dict[str, Any]]:
+    """The checked rows of the goals' file, with the order's bounds.
+
+    Raises
+    ------
+    ParameterError
+        One sentence that names file, goal and key.
+    """
+    path = order.goals or config_folder("heli_flight") / "tune.yaml"
+    try:
+        content = read_yaml(path)
+    except FileError as error:
+        raise file_refusal(error, path, "goals") from None
+    rows = content.get("goals") if isinstance(content, Mapping) else None
+    if not isinstance(rows, list) or not rows or not all(isinstance(r, Mapping) for r in rows):
+        raise ParameterError(f"{path}: holds no list `goals` of goals with name, kind and bound")
+    checked = [_checked(dict(row), f"{path}: goal {i + 1}") for i, row in enumerate(rows)]
+    bounds = dict(order.bounds or {})
+    for row in checked:
+        row["bound"] = bounds.pop(row["name"], row["bound"])
+        if not row["bound"] > 0.0:
+            raise ParameterError(f"goal {row['name']!r}: bound {row['bound']} is not above 0")
+    for name in bounds:
+        raise ParameterError(
+            f"--goal {name!r} is none of: {', '.join(sorted({row['name'] for row in checked}))}"
+        )
+    if all(row["hard"] for row in checked):
+        raise ParameterError(f"{path}: every goal is hard; at least one has to be soft")
+    return checked
+
+
+def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
+    unknown = sorted(str(key) for key in row.keys() - _KEYS)
+    if unknown:
+        raise ParameterError(f"{where}: {unknown[0]!r} is none of {', '.join(sorted(_KEYS))}")
+    kinds = [kind.value for kind in Kind]
+    name, kind, bound = row.get("name"), row.get("kind"), row.get("bound")
+    hard, ticks = row.get("hard", False), row.get("further_ticks", 0)
+    if not isinstance(name, str) or not name:
+        raise ParameterError(f"{where}: name {name!r} is not allowed; allowed: a word or more")
+    if kind not in kinds:
+        raise ParameterError(f"{where}: kind {kind!r} is none of {', '.join(kinds)}")
+    number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
+    bound = float(bound) if number and bound is not None else np.nan
+    if not np.isfinite(bound):
+        raise ParameterError(
+            f"{where}: bound {row.get('bound')!r} is not allowed; allowed: a number above 0"
+        )
+    if kind == Kind.DAMPING.value and not bound < 1.0:
+        raise ParameterError(f"{where}: bound {bound!r} of a damping is not below 1")
+    if not isinstance(hard, bool):
+        raise ParameterError(f"{where}: hard {hard!r} is neither true nor false")
+    if not isinstance(ticks, int) or not 0 <= ticks <= _MOST_TICKS:
+        raise ParameterError(f"{where}: further_ticks {ticks!r}; allowed: 0 to {_MOST_TICKS}")
+    row = {**row, "bound": bound, "hard": hard, "further_ticks": ticks}
+    if kind in (Kind.H2.value, Kind.HINF.value):
+        come, go = row.get("from"), row.get("to")
+        if (come, go) != ([SURROUNDINGS], [COST]):
+            for key, groups, known in (("from", come, INPUT_GROUPS), ("to", go, OUTPUT_GROUPS)):
+                named = isinstance(groups, list) and all(isinstance(g, str) for g in groups)
+                if not named or not groups or not set(groups) <= set(known):
+                    raise ParameterError(
+                        f"{where}: {key} {groups!r}; allowed: a list of {', '.join(known)}, or "
+                        f"from [{SURROUNDINGS}] to [{COST}]"
+                    )
+    elif kind == Kind.DISK_MARGIN.value and row.get("at") not in DISK_MARGIN_AT:
+        raise ParameterError(
+            f"{where}: at {row.get('at')!r} is none of {', '.join(DISK_MARGIN_AT)}"
+        )
+    return row
+
+
+def _plant(row: Mapping[str, Any], one: SampledAircraft) -> Plant:
+    one = one.later(row["further_ticks"]) if row["further_ticks"] else one
+    if row["kind"] == Kind.DISK_MARGIN.value:
+        return margin_plant(one, row["at"])
+    if row["kind"] not in (Kind.H2.value, Kind.HINF.value):
+        return margin_plant(one, "input")
+    if row["from"] == [SURROUNDINGS]:
+        return surroundings_plant(one, CostScales(), Surroundings())
+    return loop_plant(one, row["from"], row["to"])
+
+
+def goals_of(
+    rows: Sequence[Mapping[str, Any]], aircraft: Sequence[SampledAircraft]
+) -> tuple[Goal, ...]:
+    """Every goal for every aircraft."""
+    return tuple(
+        Goal(row["name"], Kind(row["kind"]), _plant(row, one), row["bound"], row["hard"], one.name)
+        for one in aircraft
+        for row in rows
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# Tuning.
+# -------------------------------------------------------------------------------------------------
+
+
+def packaged_gains() -> Vector:
+    """K_P, K_I, K_D (9,) of the preset `pid`."""
+    inner = resolve(laws=PID).nodes["inner_loop"]
+    return np.concatenate([np.asarray(inner[key], float) for key in _GAINS])
+
+
+def _first_gains(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> Vector:
+    """The packaged PID, or that of the rule for the first of other aircraft."""
+    if not order.aircraft:
+        return packaged_gains()
+    one = aircraft[0]
+    nothing = np.zeros((N_H, N_X)), np.zeros((N_H, N_U))
+    model = Model(one.A, one.B, one.E, *nothing, np.zeros((N_U, N_X)), np.zeros((N_U, N_U)))
+    gains = gains_of(tune_pid(model, one.actuation))
+    return np.concatenate([gains[key] for key in ("K_P", "K_I", "K_D")])
+
+
+def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneResult:
+    """Tune.
+
+    Parameters
+    ----------
+    order : TuneOrder
+    tell : callable
+        Told what comes next, a few words.
+
+    Raises
+    ------
+    ParameterError, AircraftError, TrimError, SynthesisError
+        Each with one sentence.
+    """
+    n, rows = _order_of(order.structure), read_goals(order)
+    aircraft = aircraft_of(order)
+    tell(f"{order.structure} for {'; '.join(one.name for one in aircraft)}")
+    try:
+        gains = _first_gains(order, aircraft)
+    except ValueError as error:
+        raise SynthesisError(str(error)) from None
+    structure: Structure = pid_structure() if n is None else output_structure(n)
+    start = gains if n is None else output_start(gains, n)
+    scale = None if n is None else output_scale(n)
+    problem = Problem(structure, goals_of(rows, aircraft))
+    tuned = tune_problem(
+        problem, start, scale, order.starts, order.seed, order.iterations, tell=tell
+    )
+    before = problem.reached(problem.scaled_start(start))
+    return TuneResult(order, tuned, before, values_of(tuned, n))
+
+
+def values_of(tuned: Tuned, order: int | None) -> dict[str, dict[str, Any]]:
+    """The parameters that fly a law."""
+    if order is None:
+        gains = tuned.parameters.reshape(3, N_U)
+        inner: dict[str, Any] = {"controller": PID, **dict(zip(_GAINS, gains, strict=True))}
+        return {"inner_loop": inner}
+    law = flyable(tuned.law)
+    matrices = {f"law.{key}": np.ravel(value) for key, value in law._asdict().items()}
+    return {"inner_loop": {"controller": "matrices", **matrices}}
+
+
+def write_tuned(result: TuneResult, path: Path) -> None:
+    """Write the parameter file that flies the law: `heli hover --params FILE`."""
+    order = result.order
+    goals = f" --goals {order.goals}" if order.goals else ""
+    dump_all(result.values, path)
+    head = (
+        f"# By heli tune --structure {order.structure} --starts {order.starts} --seed "
+        f"{order.seed}{goals}, for {'; '.join(dict.fromkeys(g.where for g in _goals(result)))}.\n"
+        + "".join(
+            f"# {one.goal.name} ({one.goal.where}): {one.value:.5g}, bound {one.goal.bound:g}\n"
+            for one in result.tuned.reached
+        )
+        + "# Arrays are flat, row by row; units and meaning: inner_loop.yaml.\n"
+    )
+    write_whole(path, head + path.read_text(encoding="utf-8"))
+
+
+def _goals(result: TuneResult) -> tuple[Goal, ...]:
+    return result.tuned.problem.goals
+
+
+# -------------------------------------------------------------------------------------------------
+# `heli tune --check`: whether the packaged file holds what the tuner finds.
+# -------------------------------------------------------------------------------------------------
+
+PACKAGED = "tuned_pid.yaml"
+
+
+@dataclass(frozen=True)
+class Check:
+    """The packaged law beside the one that was tuned anew.
+
+    Attributes
+    ----------
+    packaged, anew : tuple of Reached
+    """
+
+    packaged: tuple[Reached, ...]
+    anew: tuple[Reached, ...]
+
+    @property
+    def differences(self) -> list[str]:
+        """Where the packaged law misses a hard goal or is not as good, a sentence each."""
+        lines = [
+            f"{PACKAGED}: {one.goal.name} ({one.goal.where}) is {one.value:.5g}, bound "
+            f"{one.goal.bound:g}"
+            for one in self.packaged
+            if one.goal.hard and not one.met
+        ]
+        kept, found = (
+            max(one.share for one in of if not one.goal.hard) for of in (self.packaged, self.anew)
+        )
+        if abs(kept / found - 1.0) > SAME:
+            lines.append(
+                f"{PACKAGED}: the worst soft goal is {kept:.5g} of its bound, the tuner finds "
+                f"{found:.5g}"
+            )
+        return lines
+
+
+def check(tell: Callable[[str], None] = lambda _: None) -> Check:
+    """Tune anew as `PACKAGED` was made, and compare by the goals.
+
+    Gains are not compared: where a valley is flat they differ with the processor.
+    """
+    anew = run(TuneOrder(), tell)
+    file = config_folder("heli_flight") / PACKAGED
+    inner = resolve(params=[file]).nodes["inner_loop"]
+    gains = np.concatenate([np.asarray(inner[key], float) for key in _GAINS])
+    problem = anew.tuned.problem
+    scaled = anew.tuned.x.copy()
+    scaled[: problem.structure.size] = gains
+    return Check(problem.reached(scaled), anew.tuned.reached)
+
+
+# -------------------------------------------------------------------------------------------------
+# How it is told.
+# -------------------------------------------------------------------------------------------------
+
+
+def as_dict(result: TuneResult) -> dict[str, Any]:
+    """Everything, for JSON."""
+    tuned, order = result.tuned, replace(result.order, goals=None)
+    return {
+        "structure": order.structure,
+        "seed": order.seed,
+        "worst_soft_share": tuned.soft,
+        "worst_hard_share": tuned.hard,
+        "goals": [
+            {
+                "name": now.goal.name,
+                "aircraft": now.goal.where,
+                "kind": now.goal.kind.value,
+                "hard": now.goal.hard,
+                "bound": now.goal.bound,
+                "before": was.value,
+                "value": now.value,
+                "met": now.met,
+            }
+            for was, now in zip(result.before, tuned.reached, strict=True)
+        ],
+        "starts": [vars(start) for start in tuned.starts],
+        "parameters": {
+            node: {
+                key: value if isinstance(value, str) else np.ravel(value).tolist()
+                for key, value in of.items()
+            }
+            for node, of in result.values.items()
+        },
+    }
+
+
+def print_result(result: TuneResult, out: Console) -> None:
+    """The goals, then how the starts ended."""
+    rows = table(f"Goals of {result.order.structure}", out)
+    for head in ("goal", "aircraft"):
+        rows.add_column(head)
+    for head in ("bound", "began with", "tuned", "met"):
+        rows.add_column(head, justify="right")
+    for was, now in zip(result.before, result.tuned.reached, strict=True):
+        goal = now.goal
+        sense = ">=" if goal.kind in (Kind.DECAY, Kind.DAMPING, Kind.DISK_MARGIN) else "<="
+        rows.add_row(
+            f"{goal.name}{', hard' if goal.hard else ''}",
+            goal.where,
+            f"{sense} {goal.bound:g}",
+            f"{was.value:.4g}",
+            f"{now.value:.4g}",
+            "yes" if now.met else "no",
+        )
+    out.print(rows)
+    for number, start in enumerate(result.tuned.starts, 1):
+        out.print(
+            f"start {number}: soft {start.soft:.4f}, hard {start.hard:.4f} of the bound; "
+            f"{start.iterations} iterations, {start.evaluations} evaluations, stationarity "
+            f"{start.stationarity:.1e}"
+        )
