@@ -9,9 +9,9 @@ from heli_flight.scenario import GROUND_METRICS
 
 RECEIVERS = {"standalone": "standalone GPS", "rtk": "RTK"}
 RECORDS = {
-    "navigation": "navigation record",
+    "navigation": "state estimate",
     "truth": "truth",
-    "truth_less_drift": "truth less drift at engagement",
+    "truth_less_drift": "drift-corrected",
 }
 LAWS = {
     "hinf_output": "output feedback (default)",

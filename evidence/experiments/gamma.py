@@ -44,6 +44,12 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "commands a quarter as dear": {"D11": (0.25 * D11).ravel().tolist()},
     "gamma 0.05": {"gamma": 0.05},
 }
+LABELS = {
+    "angles three times as dear": "weights on roll and pitch times 3",
+    "commands four times as dear": "weights on the commands times 4",
+    "commands a quarter as dear": "weights on the commands divided by 4",
+}
+"""What the table calls a variant whose name in the result file says less."""
 FREQUENCIES_RADPS = np.geomspace(0.01, 300.0, 400)
 
 
@@ -151,12 +157,13 @@ def gamma(results: Results) -> str:
     head += [f"{axis}, `{name}`, deg" for name in record["flown"] for axis in AXES]
     rows, refused = [], []
     for row in record["rows"]:
+        label = LABELS.get(row["variant"], row["variant"])
         if row["refused"]:
-            refused.append(f"- {row['variant']}: {row['refused']}.")
+            refused.append(f"- {label}: {row['refused']}.")
             continue
         rows.append(
             [
-                row["variant"],
+                label,
                 f"{row['gamma']:g}",
                 f"{row['gamma_star']:.4f}",
                 f"{row['angles_deg_per_mps']:.3f}",

@@ -32,7 +32,7 @@ produces(
 
 
 IN_WHAT = {
-    "navigation": "navigation record",
+    "navigation": "state estimate",
     "truth": "truth",
     "ideal": "truth, ideal navigation",
 }

@@ -252,7 +252,7 @@ def outer_hover(results: Results) -> str:
     ]
     return (
         f"{grid(head, body)}\n\nLargest error of a flight in the scored windows, median / worst, "
-        f"{results.seeds('outer_loop')}, truth less drift at engagement; then how many of "
+        f"{results.seeds('outer_loop')}, drift-corrected errors; then how many of "
         f"{len(record['seeds'])} are inside the paper's figures, inside half of its speeds and a "
         "quarter of its positions, inside a tenth of its positions. "
         f"{world({k: [v] for k, v in record['conditions'].items()})}"
@@ -275,7 +275,7 @@ def outer_paths(results: Results) -> str:
     ]  # fmt: skip
     return (
         f"{grid(head, body)}\n\nLargest distance from the path's point from 5 s on, m, median / "
-        f"worst of the first {PATH_SEEDS} seeds, RTK, truth less drift."
+        f"worst of the first {PATH_SEEDS} seeds, RTK, drift-corrected."
     )
 
 

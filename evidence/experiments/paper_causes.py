@@ -160,7 +160,7 @@ def paper_causes(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nLaws `paper`, RTK. Largest error from truth in the scored windows, "
         f"{results.seeds('paper_causes')}; flights inside, of {len(record['seeds'])}, count the "
-        f"navigation record, too. {world({k: [v] for k, v in record['conditions'].items()})}"
+        f"state estimate, too. {world({k: [v] for k, v in record['conditions'].items()})}"
     )
 
 

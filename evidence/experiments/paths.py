@@ -66,7 +66,7 @@ def paths(results: Results) -> str:
     """Largest errors along paths from truth, and without the receiver's drift."""
     record = results["paths"]
     near, turn = (f"{m.label}, {m.unit} (goal {m.paper:g})" for m in METRICS[PATH])
-    head = ["path", near, "less drift at engagement, m", turn, "inside", "lost"]
+    head = ["path", near, "drift-corrected, m", turn, "inside", "lost"]
     rows = []
     for row in record["rows"]:
         largest = row["max"]

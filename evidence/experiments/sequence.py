@@ -129,7 +129,7 @@ def sequence(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('sequence')}, truth (height: "
-        f"navigation record); inside, lost: of {len(record['seeds'])} flights; the scripted pilot "
+        f"state estimate); inside, lost: of {len(record['seeds'])} flights; the scripted pilot "
         "sees the navigation, 0.2 s late."
     )
 

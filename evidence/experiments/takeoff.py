@@ -141,7 +141,7 @@ def takeoff(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('takeoff')}, truth (height: "
-        f"navigation record); inside, broken off, lost: of {len(record['seeds'])} flights of 85 s, "
+        f"state estimate); inside, broken off, lost: of {len(record['seeds'])} flights of 85 s, "
         "wind with the turbulence that belongs to it."
     )
 

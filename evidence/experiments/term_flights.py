@@ -93,8 +93,8 @@ def term_flights(results: Results) -> str:
     head += [f"{metric.label}, {metric.unit}" for metric in METRICS["hover"]]
     flown = {"Hover test": record["conditions"]}
     return (
-        f"{grid(head, rows)}\n\nInside: the paper's figures, navigation record. Largest values "
-        f"over the windows and {results.seeds('term_flights')}, navigation record. {world(flown)}"
+        f"{grid(head, rows)}\n\nInside: the paper's figures, state estimate. Largest values "
+        f"over the windows and {results.seeds('term_flights')}, state estimate. {world(flown)}"
     )
 
 

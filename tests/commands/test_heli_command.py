@@ -70,7 +70,7 @@ def test_help_says_what_exit_code_0_means(capsys):
     for command in ("hover", "campaign"):
         help_text = " ".join(heli(capsys, command, "--help")[1].split())
         for part in (
-            "Judged are the scored windows alone", "the navigation record",
+            "Judged are the scored windows alone", "the state estimate",
             "with an RTK receiver ground truth, too", "ends before the first of them is not judged",
             "whole flight, climb included, are given first and decide nothing",
         ):  # fmt: skip
@@ -80,9 +80,9 @@ def test_help_says_what_exit_code_0_means(capsys):
 @pytest.mark.parametrize(
     ("words", "judged"),
     [
-        (("--duration", "30"), "judged: navigation record, 5 to 18 s and 25 to 30 s"),
+        (("--duration", "30"), "judged: state estimate, 5 to 18 s and 25 to 30 s"),
         (("--duration", "6", "--gps", "rtk"),
-         "judged: navigation record and ground truth, 5 to 6 s"),
+         "judged: state estimate and ground truth, 5 to 6 s"),
     ],
 )  # fmt: skip
 def test_a_flight_says_what_is_judged(capsys, tmp_path, words, judged):

@@ -54,18 +54,18 @@ def test_the_whole_flight_stands_first_then_the_windows_then_the_climb(tmp_path,
         row = rows(part, "paper (flight)")["altitude error"]
         for gps, words in (("standalone", "standalone GPS"), ("rtk", "RTK")):
             value = largest(campaigns, gps, place, "altitude (navigation)")
-            assert row[f"{words}, navigation record"].startswith(f"{value:.2f}")
+            assert row[f"{words}, state estimate"].startswith(f"{value:.2f}")
         value = largest(campaigns, "standalone", place, "altitude (truth_less_drift)")
-        assert row["standalone GPS, truth less drift at engagement"].startswith(f"{value:.2f}")
-        assert "RTK, truth less drift at engagement" not in row
+        assert row["standalone GPS, drift-corrected"].startswith(f"{value:.2f}")
+        assert "RTK, drift-corrected" not in row
         speeds = rows(part, "paper (flight)")["forward speed"]
-        assert speeds["standalone GPS, truth less drift at engagement"] == "–"
+        assert speeds["standalone GPS, drift-corrected"] == "–"
     lags = [
         f["climb"]["climb_lag (navigation)"]
         for f in campaigns["hover"]["receivers"]["rtk"]["flights"]
     ]
     row = rows(text[climb:], "climb")["lag at half the climb, s"]
-    assert row["RTK, navigation record"] == f"{min(lags):.2f} to {max(lags):.2f}"
+    assert row["RTK, state estimate"] == f"{min(lags):.2f} to {max(lags):.2f}"
 
 
 def test_a_height_that_was_not_reached_and_a_lost_flight_are_said(tmp_path, campaigns):
@@ -74,7 +74,7 @@ def test_a_height_that_was_not_reached_and_a_lost_flight_are_said(tmp_path, camp
     first["climb"]["climb_time (navigation)"] = None
     second |= {"lost": "it hit the ground", "max": {}, "max_whole": {}, "climb": {}}
     text = rendered(tmp_path, changed)
-    assert rows(text, "climb")["time to the new height, s"]["RTK, navigation record"] == (
+    assert rows(text, "climb")["time to the new height, s"]["RTK, state estimate"] == (
         "not reached on 1"
     )
     assert rows(text, "paper (flight)")["lateral speed"]["RTK, truth"].endswith("; lost on 1")

@@ -53,8 +53,8 @@ def test_the_contents_name_every_section_after_them():
 
 
 def test_what_falls_short_stands_right_after_the_first_screen():
-    plainly = README.split("## What flies, plainly")[1].split("\n## ")[0]
-    for sentence in ("are not the paper's, exactly.**", "is not the best of all.**"):
+    plainly = README.split("## Which controllers fly by default")[1].split("\n## ")[0]
+    for sentence in ("differ from the paper's.**", "is not the best in every respect.**"):
         assert sentence in plainly
 
 

@@ -229,7 +229,7 @@ def test_a_file_names_its_law_and_alone_runs_no_code(file, tmp_path, capsys):
     words = ["hover", "--one-process", "--no-report", "--duration", "1"]
     folder = tmp_path / "one"
     assert main([*words, "--custom-law", f"{file}:Law", "--out", str(folder)]) == 0
-    assert "own law: own:Law in the place of the inner loop" in capsys.readouterr().out
+    assert "own controller: own:Law in the place of the inner loop" in capsys.readouterr().out
     flown = heli.load(folder)
     assert flown.parameters["inner_loop"]["own_law"] == f"{file}:Law"
     assert "own:Law" in repr(flown)

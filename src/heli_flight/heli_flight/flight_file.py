@@ -216,7 +216,7 @@ def drawn_words(settings: Settings) -> str:
         if key != "delay_ticks"
     ]
     delay = settings.nodes["plant"]["delay_ticks"]
-    return f"aircraft flown over that of the controllers: {', '.join(parts)}; delay {delay} ticks"
+    return f"true aircraft / design model: {', '.join(parts)}; delay {delay} ticks"
 
 
 def custom_data(settings: Settings) -> list[str]:

@@ -22,6 +22,7 @@ from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, i
 from heli_flight.layers import ARDUPILOT
 from heli_flight.scoring import (
     DECIDES,
+    SETTLED_S,
     SOURCE_NAMES,
     STRETCHES,
     TRUTH_LESS_DRIFT,
@@ -236,7 +237,7 @@ def sentence(result: Result, settings: Settings) -> str:
         for s in result.outside()
         if s.source == TRUTH_LESS_DRIFT
     ]
-    also = f"; ground truth less the receiver's drift is not in {', '.join(beyond)}"
+    also = f"; drift-corrected ground truth is not in {', '.join(beyond)}"
     return f"Inside {bounds} {when}{also if beyond and gps == 'standalone' else ''}"
 
 
@@ -276,11 +277,11 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
 _TITLES = {"hover": "Hover test", "attitude": "Attitude test", PATH: "Path"}
 _COUNTS = {
     "standalone": (
-        "The navigation record decides, as in the paper: ground truth holds the drift of the "
-        "standalone receiver, too, which no instrument on board can see. Without the drift at "
-        "engagement it says what the control did; what drifted later is still in it."
+        f"The state estimate decides, as in the paper. Ground truth includes GPS drift, which the "
+        f"aircraft cannot observe. The drift-corrected column removes the offset present at "
+        f"t = {SETTLED_S:g} s (not later drift) and so shows controller performance."
     ),
-    "rtk": "The navigation record and, as an RTK receiver knows it, ground truth decide.",
+    "rtk": "The state estimate and ground truth decide: an RTK receiver has no large drift.",
 }
 
 
@@ -311,9 +312,9 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
         console.print(f"faults: {fault_words(settings)}", highlight=False)
     if drawn(settings):
         console.print(drawn_words(settings), highlight=False)
-    console.print(f"laws: {laws_words(settings)}", highlight=False)
+    console.print(f"controllers: {laws_words(settings)}", highlight=False)
     if own_words(settings):
-        console.print(f"own law: {own_words(settings)}", highlight=False)
+        console.print(f"own controller: {own_words(settings)}", highlight=False)
     for note in result.notes:
         console.print(f"note: {note}", highlight=False)
     if result.lost:

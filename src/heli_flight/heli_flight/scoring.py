@@ -64,9 +64,9 @@ NAVIGATION, TRUTH, TRUTH_LESS_DRIFT = "navigation", "truth", "truth_less_drift"
 SOURCES = (NAVIGATION, TRUTH)
 """Records that every metric is measured from."""
 SOURCE_NAMES = {
-    NAVIGATION: "navigation record",
+    NAVIGATION: "state estimate",
     TRUTH: "ground truth",
-    TRUTH_LESS_DRIFT: "truth less drift at engagement",
+    TRUTH_LESS_DRIFT: "drift-corrected",
 }
 
 WHOLE, WINDOWS = "whole", "windows"

@@ -166,7 +166,7 @@ def test_unknown_laws_are_refused_with_those_that_are_known(tmp_path, capsys):
 def test_a_flight_says_its_laws_and_flies_again(fly, tmp_path, capsys):
     words = ("--one-process", "--control-preset", "paper", "--seed", 3)
     _, first = fly(tmp_path / "a", *words, "--duration", 8)
-    assert "laws: paper" in capsys.readouterr().out
+    assert "controllers: paper" in capsys.readouterr().out
     assert (first["laws"], first["changed"]) == ("paper", [])
     assert "laws paper" in (tmp_path / "a" / "params.yaml").read_text().splitlines()[1]
     _, again = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")

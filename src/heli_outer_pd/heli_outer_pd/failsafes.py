@@ -210,7 +210,7 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.ALTITUDE_LOST, "outer loop: sigma of the vertical velocity over "
              "`land.blind_sigma_down_mps`, half of it in a landing", 60.0, Action.LAND_BY_THRUST,
              "what comes back is flown from where it says that the aircraft is, without a step",
-             "altitude lost: descent by thrust alone"),
+             "altitude lost: fixed-thrust (open-loop) descent"),
     Failsafe(Condition.ROTOR_SLOW, "outer loop: rotor speed below `failsafe.rotor_slow_share` of "
              "the governed one for `failsafe.rotor_slow_s`, by a sensor that has gone on from "
              "sample to sample as a rotor can", 0.7, Action.AUTOROTATE,

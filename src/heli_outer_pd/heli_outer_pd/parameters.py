@@ -202,8 +202,8 @@ TABLE: tuple[Parameter, ...] = (
          "velocity with which the position counts as lost: a landing goes on level, without it",
          "m/s", lower=0.2, upper=10.0),
     _row("land.blind_sigma_down_mps", "double", "The same of the vertical velocity, half of it in a"
-         " landing: it lands by thrust alone", "m/s", lower=0.1, upper=10.0),
-    _row("land.blind_descent_mps", "double", "Speed of the descent by thrust alone", "m/s",
+         " landing: it lands on fixed thrust", "m/s", lower=0.1, upper=10.0),
+    _row("land.blind_descent_mps", "double", "Speed of the fixed-thrust descent", "m/s",
          lower=0.2, upper=2.0),
     _row("failsafe.land_after_s", "double", "With its position lost for so long it lands by itself;"
          " what is found again before goes on", "s", lower=1.0, upper=3600.0),

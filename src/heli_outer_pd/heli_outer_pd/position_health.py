@@ -279,7 +279,7 @@ def flown_in_words(phase: Phase, state: OuterState, held: str) -> str:
     if state.machine[MACHINE.rotor] != ROTOR_DRIVEN:
         return "rotor slow: autorotation"
     if state.machine[MACHINE.altitude] != ALTITUDE_VALID:
-        return "altitude lost: descent by thrust alone"
+        return "altitude lost: fixed-thrust (open-loop) descent"
     if state.machine[MACHINE.position] != POSITION_VALID:
         return plight(phase)
     if state.x[MEMORY.gone] > 0.5:

@@ -563,7 +563,7 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
         out,
     )
     rows.add_column("law")
-    heads = {"navigation": "navigation record", "truth": "truth", "ideal": "ideal navigation"}
+    heads = {"navigation": "state estimate", "truth": "truth", "ideal": "ideal navigation"}
     for source in result.sources:
         for axis in AXES:
             rows.add_column(f"{axis}, {heads[source]}", justify="right")
@@ -620,7 +620,7 @@ def draw_attitude(result: AttitudeComparison, path: Path) -> None:
                 axis.plot(record.time_s, truth[:, i], color=GREY, lw=0.8, label="ground truth")
                 colour = _COLOURS.get(law.key, BLUE)
                 axis.plot(
-                    record.time_s, navigation[:, i], color=colour, lw=0.9, label="navigation record"
+                    record.time_s, navigation[:, i], color=colour, lw=0.9, label="state estimate"
                 )
             paper = PAPER_DEG.get(law.key)
             note = f"\n(paper, in flight: ±{paper:g}°)" if paper else "\n"

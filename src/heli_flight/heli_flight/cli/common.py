@@ -334,7 +334,7 @@ EXIT_OF_FLIGHTS = (
     "exit code: 0 inside the bounds, or nothing bounds it, 1 outside or helicopter lost (named), "
     "2 bad input, "
     "130 interrupted. Judged are the scored windows alone (hover: 5 to 18 s and 25 s to the end, "
-    "attitude: from 5 s on): the navigation record, with an RTK receiver ground truth, too. A "
+    "attitude: from 5 s on): the state estimate, with an RTK receiver ground truth, too. A "
     "flight that ends before the first of them is not judged (0). The figures of the whole "
     "flight, climb included, are given first and decide nothing."
 )

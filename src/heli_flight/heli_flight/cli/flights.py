@@ -311,7 +311,7 @@ def replay(
 
 DIFF_EPILOG = (
     "\b\nexample:\n  heli diff flights/before flights/after\n"
-    "  heli diff soft close dear_angles --out three.html --json\n\n"
+    "  heli diff soft close heavy_angles --out three.html --json\n\n"
     "exit code: 0 written, 1 written, but only a part of a flight was recorded, or its ground "
     "truth is not what the plant sent, 2 bad input (one line)"
 )

@@ -797,7 +797,7 @@ def _attitude(report: Report) -> Chart:
     for axis, name in enumerate(("roll", "pitch", "heading")):
         traces = []
         for source in reversed(report.sources()):
-            label = "navigation record" if source == "navigation" else "ground truth"
+            label = "state estimate" if source == "navigation" else "ground truth"
             role = "nav" if source == "navigation" else "truth"
             angle = np.degrees(np.unwrap(np.radians(report.euler_deg(source)[:, axis])))
             traces.append(Trace(r.time_s, angle, label, role))

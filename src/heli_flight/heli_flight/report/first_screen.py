@@ -40,7 +40,7 @@ _MARKS = {
 _NO_NUMBER = "–"
 _SOURCES = {
     **SOURCE_NAMES,
-    TRUTH_LESS_DRIFT: "ground truth less the receiver's drift at engagement",
+    TRUTH_LESS_DRIFT: "ground truth, corrected for the GPS offset at t = 5 s",
 }
 
 

@@ -106,26 +106,28 @@ def result_tables(report: Report) -> list[ReportTable]:
 
 
 _HOW = (
-    "Largest magnitude (rms); ✓ inside, ✗ outside the bound. The paper measured from its "
-    "navigation record; only a simulation knows the truth."
+    "Largest magnitude (rms); ✓ within, ✗ outside the bound. The paper measured from its "
+    "state estimate; only a simulation knows the truth."
 )
 _STRETCH_NOTES = {
     (WHOLE, "hover"): (
-        "From engagement to the end, the climb included, against the reference as commanded, which "
-        "starts and stops at once."
+        "From controller engagement to the end, climb included, against the commanded reference."
     ),
     (WHOLE, "attitude"): (
-        "From engagement to the end, the start included, when level is commanded at once."
+        "From controller engagement to the end, including the start, when level is commanded "
+        "at once."
     ),
     (WINDOWS, "hover"): "Hover alone: without the start, the climb and what follows it.",
     (WINDOWS, "attitude"): "Without the start.",
-    (WHOLE, PATH): "From engagement to the end, against the point of the path at that moment.",
+    (
+        WHOLE,
+        PATH,
+    ): "From controller engagement to the end, against the point of the path at that moment.",
     (WINDOWS, PATH): "Without the start. The paper flies no paths.",
 }
 _LESS_DRIFT = (
-    f"Truth less drift at engagement: ground truth moved by what the navigation record's position "
-    f"was off by at {SETTLED_S:g} s, when its own start is over. That is the receiver's drift at "
-    "engagement, from which the record counts; what the receiver drifts later is still in it."
+    f"Drift-corrected: ground truth minus the GPS offset at t = {SETTLED_S:g} s. Later GPS drift "
+    "is still included."
 )
 
 
@@ -143,8 +145,8 @@ def _ground_table(report: Report) -> ReportTable:
         for f in report.result.figures.ground
     ]
     caption = (
-        "From the ground to the ground; ✓ inside, ✗ outside the goal. When the skids touch is "
-        "found from ground truth, the height from the navigation record. The paper begins in the "
+        "From the ground to the ground; ✓ within, ✗ outside the goal. When the skids touch is "
+        "found from ground truth, the height from the state estimate. The paper begins in the "
         "air: the goals are ours."
     )
     return ReportTable(["", "this flight", "goal"], rows, caption)
