@@ -23,7 +23,7 @@ from evidence.sweep import Options, Place, over, print_result
 from evidence.tables import grid, world
 from heli_core.linear import held_and_linear, with_servos
 from heli_core.rotations import euler_from_quat
-from heli_core.rows import MEASURED, ROTOR, UNMEASURED
+from heli_core.rows import ACTUATOR, MEASURED, ROTOR, UNMEASURED
 from heli_core.ticks import TICK_S
 from heli_flight.loop import simulate
 from heli_flight.record import FlightRecord
@@ -138,14 +138,14 @@ def told_otherwise(record: FlightRecord, p: Mapping[str, Any]) -> dict[str, Arra
     """Estimates (n, 3) on one flight by what eq. (19) is told; p: the observer's parameters."""
     A, B = np.reshape(p["model.A"], (9, 9)), np.reshape(p["model.B"], (9, 3))
     model = reduced_order_model(A, B, p["K"])
-    x_trim, u_trim = np.array(p["trim.x"]), np.array(p["trim.u"])[:3]
+    x_trim, u_trim = np.array(p["trim.x"]), np.array(p["trim.u"])[ACTUATOR.attitude]
     y_trim, x_u_trim = x_trim[list(MEASURED)], x_trim[list(UNMEASURED)]
     knows = int(p["u_delay_ticks"]), (p["servo.frequency_radps"], p["servo.damping"])
     known = np.isfinite(record.nav_q_nb[:, 0])
     first = int(np.argmax(known))
     y = outputs(record.nav_q_nb[first:], record.nav_rate_body_radps[first:]) - y_trim
     true_y = outputs(record.truth_q_nb[first:], record.truth_rate_body_radps[first:]) - y_trim
-    u = record.u[first:, :3] - u_trim
+    u = record.u[first:, ACTUATOR.attitude] - u_trim
     late = record.time_s[first:] >= FROM_S
     own = y - y[late].mean(axis=0), u - u[late].mean(axis=0)
     truth = record.truth_rotor[first:][late].mean(axis=0) - x_u_trim
