@@ -174,7 +174,7 @@ def test_no_yaml_is_outside_these_tests():
     known = {COMMON, *(flight / f"{name}.yaml" for name in ("flight", "robust", "scenario"))}
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
-        known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*")}
+        known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*"), *folder.glob("linear/*")}
         known |= {*folder.glob("gps_*.yaml"), *folder.glob("sensors_*.yaml")}
     for kind in ("scenarios", "worlds", "laws", "designs", "identify"):
         known |= set((ROOT / "src/heli_flight/config" / kind).glob("*.yaml"))
