@@ -241,7 +241,8 @@ def linear_trim(aircraft: LinearAircraft, wind_ned_mps: Any, psi: float) -> tupl
     k, air, free = linear_params(aircraft), same_air(wind_ned_mps), _free(aircraft)
 
     def state(z: Array) -> Array:
-        x = make_state((0.0, 0.0, 0.0), *z[TRIM.attitude], psi)
+        phi, theta = z[TRIM.attitude]
+        x = make_state((0.0, 0.0, 0.0), float(phi), float(theta), psi)
         x[PLANT.rotor], x[PLANT.servo] = z[TRIM.rotor], z[TRIM.u]
         return x
 
