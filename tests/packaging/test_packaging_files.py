@@ -175,7 +175,7 @@ def test_no_yaml_is_outside_these_tests():
     known = {COMMON, *(flight / f"{name}.yaml" for name in sections)}
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
-        known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*")}
+        known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*"), *folder.glob("linear/*")}
         known |= {*folder.glob("gps_*.yaml"), *folder.glob("sensors_*.yaml")}
     known |= {flight / "tuned_pid.yaml"}
     for kind in ("scenarios", "worlds", "laws", "designs", "identify"):

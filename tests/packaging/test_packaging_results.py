@@ -54,6 +54,7 @@ DESCRIPTIVE = {
     "| heading, deg | besides |",
     "| measure | definition | Level 1, Level 2 |",
     "| sensor | error | law | parameters `sensors.*` |",
+    "| name | aircraft | published | what is ours |",
 }
 
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,33 @@ Array = NDArray[np.float64]
 # The file: what stands in it, and within which bounds.
 # -------------------------------------------------------------------------------------------------
 
+
+class LinearRow(NamedTuple):
+    """States of A and B (9,): air speed, m/s; rates, rad/s; flapping and the gyro's integrator."""
+
+    vel: slice = slice(0, 3)  # through the air, body
+    w: int = 2
+    rate: slice = slice(3, 6)  # body
+    p: int = 3
+    q: int = 4
+    r: int = 5
+    rigid: slice = slice(0, 6)  # both
+    rotor: slice = slice(6, 9)  # a RotorRow
+    a_s: int = 6
+    b_s: int = 7
+    flapping: slice = slice(6, 8)
+    d_int: int = 8
+    turning: slice = slice(3, 9)  # all but the velocity: what eq. (10) has of them
+    size: int = 9
+
+
+LINEAR = LinearRow()
 STATES = ("u", "v", "w", "p", "q", "r", "a_s", "b_s", "d_int")
-"""States of A and B: air speed, m/s; body rates, rad/s; flapping, rad; integrator of the gyro."""
-_RIGID = STATES[:6]
-_N, _M = len(STATES), len(ACTUATOR_NAMES)
-_VEL, _RATE, _ROTOR = slice(0, 3), slice(3, 6), slice(6, 9)
-_R, _A_S, _B_S, _D_INT = (STATES.index(name) for name in ("r", "a_s", "b_s", "d_int"))
+"""Names of the states."""
+_RIGID = STATES[LINEAR.rigid]
+_N, _M = LINEAR.size, len(ACTUATOR_NAMES)
+_ANGLES = 2
+"""States of `whole` before those of the file: phi, theta."""
 PARAMETER = "linear_model"
 """Parameter of the plant that names one."""
 FOLDER = "linear"
@@ -155,7 +176,7 @@ class LinearAircraft:
     @property
     def E(self) -> Array:
         """(9, 3): effect of the air's velocity u, v, w, body axes."""
-        return -self.A[:, _VEL]
+        return -self.A[:, LINEAR.vel]
 
     @property
     def force_trim(self) -> Array:
@@ -174,18 +195,20 @@ class LinearAircraft:
         Coriolis terms vanish in hover; gravity turns with the attitude.
         """
         kept = [STATES.index(name) for name in self.states]
-        A, B = np.zeros((2 + _N, 2 + _N)), np.zeros((2 + _N, _M))
-        A[2:, 2:], B[2:] = self.A, self.B
         phi, theta, g = self.phi, self.theta, self.gravity_mps2
-        A[:2, 2 + np.arange(3, 6)] = _euler_rates(phi, theta)[:2]
-        A[2:5, :2] = g * np.array(
+        turns = np.zeros((_ANGLES, _N))
+        turns[:, LINEAR.rate] = _euler_rates(phi, theta)[:_ANGLES]
+        falls = np.zeros((_N, _ANGLES))
+        falls[LINEAR.vel] = g * np.array(
             [
                 [0.0, -math.cos(theta)],
                 [math.cos(theta) * math.cos(phi), -math.sin(theta) * math.sin(phi)],
                 [-math.cos(theta) * math.sin(phi), -math.sin(theta) * math.cos(phi)],
             ]
         )
-        places = [0, 1, *(2 + i for i in kept)]
+        A = np.block([[np.zeros((_ANGLES, _ANGLES)), turns], [falls, self.A]])
+        B = np.vstack([np.zeros((_ANGLES, _M)), self.B])
+        places = [*range(_ANGLES), *(_ANGLES + i for i in kept)]
         return A[np.ix_(places, places)], B[places]
 
     def nine(self) -> tuple[Array, Array, Array, Array]:
@@ -202,7 +225,10 @@ class LinearAircraft:
         """
         A, B = self.A.copy(), self.B[:, ACTUATOR.attitude].copy()
         if "a_s" not in self.states:
-            for rate, disc, lever in ((4, _A_S, ACTUATOR.lon), (3, _B_S, ACTUATOR.lat)):
+            for rate, disc, lever in (
+                (LINEAR.q, LINEAR.a_s, ACTUATOR.lon),
+                (LINEAR.p, LINEAR.b_s, ACTUATOR.lat),
+            ):
                 damping, push = -A[rate, rate], B[rate].copy()
                 if not 0.0 < damping < 0.5 / _DISC_S:
                     raise AircraftError(
@@ -218,16 +244,17 @@ class LinearAircraft:
             raise AircraftError(
                 "missing: without it the laws have no d_int", ParameterCause.MISSING, key="yaw_gyro"
             )
-        order = [NINE.p, NINE.q, NINE.r, NINE.a_s, NINE.b_s, NINE.d_int]
+        rates, rotor = [NINE.p, NINE.q, NINE.r], [NINE.a_s, NINE.b_s, NINE.d_int]
+        order = rates + rotor
         nine_A, nine_B = np.zeros((len(NINE), len(NINE))), np.zeros((len(NINE), 3))
         nine_E, x_trim = np.zeros((len(NINE), 3)), np.zeros(len(NINE))
-        nine_A[np.ix_(order, order)], nine_B[order] = A[3:, 3:], B[3:]
-        nine_E[order] = -A[3:, _VEL]
-        rates = _euler_rates(self.phi, self.theta)
-        for i, angle in enumerate((NINE.phi, NINE.theta, NINE.psi)):
-            nine_A[angle, order[:3]] = rates[i]
+        turning = LINEAR.turning
+        nine_A[np.ix_(order, order)], nine_B[order] = A[turning, turning], B[turning]
+        nine_E[order] = -A[turning, LINEAR.vel]
+        angles = [NINE.phi, NINE.theta, NINE.psi]
+        nine_A[np.ix_(angles, rates)] = _euler_rates(self.phi, self.theta)
         x_trim[[NINE.phi, NINE.theta]] = self.phi, self.theta
-        x_trim[order[3:]] = self.rotor
+        x_trim[rotor] = self.rotor
         return nine_A, nine_B, nine_E, x_trim
 
     def scaled(self, values: Mapping[str, Any]) -> "LinearAircraft":
@@ -240,15 +267,15 @@ class LinearAircraft:
         """
         by = {name: float(values[PREFIX + name]) for name in SCALED}
         A, B = self.A.copy(), self.B.copy()
-        A[_VEL, :6] /= by["mass"]
-        B[_VEL] /= by["mass"]
-        A[2, :6] *= by["thrust"]
-        B[2] *= by["thrust"]
-        A[_RATE] /= by["inertia"]
-        B[_RATE] /= by["inertia"]
-        A[_RATE, _A_S : _B_S + 1] *= by["rotor_stiffness"]
+        A[LINEAR.vel, LINEAR.rigid] /= by["mass"]
+        B[LINEAR.vel] /= by["mass"]
+        A[LINEAR.w, LINEAR.rigid] *= by["thrust"]
+        B[LINEAR.w] *= by["thrust"]
+        A[LINEAR.rate] /= by["inertia"]
+        B[LINEAR.rate] /= by["inertia"]
+        A[LINEAR.rate, LINEAR.flapping] *= by["rotor_stiffness"]
         A[[0, 1], [0, 1]] *= by["drag"]
-        u_trim, lift = self.u_trim.copy(), B[2, ACTUATOR.col]
+        u_trim, lift = self.u_trim.copy(), B[LINEAR.w, ACTUATOR.col]
         heavier = (1.0 - 1.0 / by["mass"]) * self.force_trim[2]
         u_trim[ACTUATOR.col] += heavier / lift
         servo = self.servo
@@ -349,15 +376,15 @@ def _of_tree(tree: Any, where: str) -> LinearAircraft:
 def _close_yaw(A: Array, B: Array, proportional: float, integral: float, gain: float) -> None:
     """Put a yaw-rate gyro, eq. (8), between d_ped and the pedal of A and B, in place."""
     pedal = B[:, ACTUATOR.ped].copy()
-    A[:, _R] -= proportional * pedal
-    A[:, _D_INT] += integral * pedal
+    A[:, LINEAR.r] -= proportional * pedal
+    A[:, LINEAR.d_int] += integral * pedal
     B[:, ACTUATOR.ped] = proportional * gain * pedal
-    A[_D_INT, _R], B[_D_INT, ACTUATOR.ped] = -1.0, gain
+    A[LINEAR.d_int, LINEAR.r], B[LINEAR.d_int, ACTUATOR.ped] = -1.0, gain
 
 
 def _sound(aircraft: LinearAircraft) -> None:
     """Refuse what is no helicopter about hover."""
-    lift = aircraft.B[2, ACTUATOR.col]
+    lift = aircraft.B[LINEAR.w, ACTUATOR.col]
     if not lift > 0.0:
         raise AircraftError(
             f"{lift:g} is not allowed", ParameterCause.BOUNDS, key="B: w: d_col",

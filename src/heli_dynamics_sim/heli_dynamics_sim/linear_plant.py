@@ -36,7 +36,7 @@ from heli_dynamics_sim.airframe import BodyParams, make_state, rigid_body_rates
 from heli_dynamics_sim.config import PlantConfig, PlantParams, sensor_params, wind_params
 from heli_dynamics_sim.faults import PAST_S, initial_faults, spoil_sensors
 from heli_dynamics_sim.helicopter import WORK_ROWS, airspeed, same_air
-from heli_dynamics_sim.linear_aircraft import PARAMETER, STATES, LinearAircraft
+from heli_dynamics_sim.linear_aircraft import LINEAR, PARAMETER, STATES, LinearAircraft
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import (
     PlantState,
@@ -108,10 +108,11 @@ def linear_params(aircraft: LinearAircraft) -> LinearParams:
 def _slopes(x, air, k, out):
     """A z + B du (9,) for a plant state (42,) in the air (12,)."""
     z = scratch(_N)
-    z[0], z[1], z[2] = airspeed(x, air[_WIND])
+    vel, rate, rotor = z[LINEAR.vel], z[LINEAR.rate], z[LINEAR.rotor]
+    vel[0], vel[1], vel[2] = airspeed(x, air[_WIND])
     for i in range(3):
-        z[3 + i] = x[PLANT.rate.start + i]
-        z[6 + i] = x[PLANT.rotor.start + i] - k.rotor[i]
+        rate[i] = x[PLANT.rate.start + i]
+        rotor[i] = x[PLANT.rotor.start + i] - k.rotor[i]
     for i in range(_N):
         total = 0.0
         for j in range(_N):
@@ -137,11 +138,12 @@ def linear_derivative(x, u, air, k, out):
     _slopes(x, air, k, slopes)
     fill(out, 0.0)
     force = k.force[0] + slopes[0], k.force[1] + slopes[1], k.force[2] + slopes[2]
-    turning = slopes[3], slopes[4], slopes[5]
+    turning = slopes[LINEAR.p], slopes[LINEAR.q], slopes[LINEAR.r]
     # Of a unit mass and a unit inertia: these are accelerations.
     rigid_body_rates(x, force, turning, BodyParams(1.0, 1.0, 1.0, 1.0, k.gravity), out)
+    flapping, rotor = out[PLANT.rotor], slopes[LINEAR.rotor]
     for i in range(3):
-        out[PLANT.rotor.start + i] = slopes[6 + i]
+        flapping[i] = rotor[i]
     if k.lags:
         servo_derivatives(x, u, k.servo, out)
 
@@ -216,6 +218,18 @@ def _advance(state, u_cmd, k, linear):
 _TRIM_TOL, _TRIM_STEPS = 1e-9, 50
 
 
+class TrimRow(NamedTuple):
+    """What a trim is sought over (9,)."""
+
+    attitude: slice = slice(0, 2)  # phi, theta, rad
+    rotor: slice = slice(2, 5)  # a RotorRow
+    u: slice = slice(5, 9)  # an ActuatorRow
+    size: int = 9
+
+
+TRIM = TrimRow()
+
+
 def linear_trim(aircraft: LinearAircraft, wind_ned_mps: Any, psi: float) -> tuple[Array, Array]:
     """Plant state (42,) at the origin and commands (4,) of the hover in steady wind.
 
@@ -227,14 +241,15 @@ def linear_trim(aircraft: LinearAircraft, wind_ned_mps: Any, psi: float) -> tupl
     k, air, free = linear_params(aircraft), same_air(wind_ned_mps), _free(aircraft)
 
     def state(z: Array) -> Array:
-        x = make_state((0.0, 0.0, 0.0), z[0], z[1], psi)
-        x[PLANT.rotor], x[PLANT.servo] = z[2:5], z[5:]
+        phi, theta = z[TRIM.attitude]
+        x = make_state((0.0, 0.0, 0.0), float(phi), float(theta), psi)
+        x[PLANT.rotor], x[PLANT.servo] = z[TRIM.rotor], z[TRIM.u]
         return x
 
     def residual(z: Array) -> Array:
         x, out = state(z), np.empty(PLANT.size)
         linear_derivative(x, x[PLANT.servo].copy(), air, k, out)
-        return out[[*range(3, 6), *range(10, 16)]]
+        return np.concatenate([out[PLANT.vel], out[PLANT.rate], out[PLANT.rotor]])
 
     z = np.concatenate([[aircraft.phi, aircraft.theta], aircraft.rotor, aircraft.u_trim])
     for _ in range(_TRIM_STEPS):
@@ -244,18 +259,21 @@ def linear_trim(aircraft: LinearAircraft, wind_ned_mps: Any, psi: float) -> tupl
         step = 1e-6 * np.eye(len(z))[free]
         slopes = np.column_stack([(residual(z + d) - residual(z - d)) / 2e-6 for d in step])
         z[free] -= np.linalg.lstsq(slopes, now, rcond=None)[0]
-    if np.abs(residual(z)).max() > 1e3 * _TRIM_TOL or np.abs(z[5:]).max() >= 1.0:
+    u = z[TRIM.u].copy()
+    if np.abs(residual(z)).max() > 1e3 * _TRIM_TOL or np.abs(u).max() >= 1.0:
         raise TrimError(
             f"{aircraft.name}: no deflection within -1 to 1 holds it in a wind of "
             f"{np.linalg.norm(wind_ned_mps):.3g} m/s"
         )
-    return state(z), z[5:].copy()
+    return state(z), u
 
 
 def _free(aircraft: LinearAircraft) -> list[int]:
-    """Places of (phi, theta, a_s, b_s, d_int, u) that a trim may move."""
-    rotor = [2 + i for i, name in enumerate(STATES[6:]) if name in aircraft.states]
-    return [0, 1, *rotor, *range(5, 9)]
+    """Places, of a TrimRow, that a trim may move."""
+    fixed = [i for i in range(_N)[LINEAR.rotor] if STATES[i] not in aircraft.states]
+    rotor = range(TRIM.size)[TRIM.rotor]
+    held = {rotor[i - LINEAR.a_s] for i in fixed}
+    return [i for i in range(TRIM.size) if i not in held]
 
 
 # -------------------------------------------------------------------------------------------------

@@ -28,6 +28,8 @@ _OPTIONS = {
     "controllers": "--attitude-controller",
     "presets": "--control-preset",
 }
+PUBLISHED = "published"
+"""Linear aircraft, which `heli design` takes as it takes the others; listed behind them."""
 _END_OF_SENTENCE = re.compile(r"(?<!\b[A-Z])\.(?= [A-Z`]|$)|;(?= )")
 
 
@@ -42,7 +44,7 @@ def packaged(kind: str) -> dict[str, str]:
     Parameters
     ----------
     kind : str
-        scenarios, worlds, aircraft, controllers or presets.
+        scenarios, worlds, aircraft, `PUBLISHED`, controllers or presets.
 
     Raises
     ------
@@ -58,6 +60,7 @@ def packaged(kind: str) -> dict[str, str]:
         "scenarios": ("heli_flight", "scenarios"),
         "worlds": ("heli_flight", "worlds"),
         "aircraft": ("heli_dynamics_sim", "aircraft"),
+        PUBLISHED: ("heli_dynamics_sim", "linear"),
         "presets": ("heli_flight", "laws"),
     }
     if kind not in folders:
@@ -95,7 +98,7 @@ def list_packaged(
     """List what is packaged: scenarios, worlds, aircraft, controllers, presets."""
     from heli_flight.terminal import console, json_text
 
-    names = packaged(kind)
+    names = packaged(kind) | (packaged(PUBLISHED) if kind == "aircraft" else {})
     if as_json:
         print(json_text(names), end="")
         return 0

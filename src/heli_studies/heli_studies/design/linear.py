@@ -19,7 +19,13 @@ from heli_core.linear import hover_system
 from heli_core.rows import ACTUATOR
 from heli_core.ticks import TICK_S
 from heli_dynamics_sim.aircraft import AircraftError
-from heli_dynamics_sim.linear_aircraft import PARAMETER, LinearAircraft, find_linear, linear_models
+from heli_dynamics_sim.linear_aircraft import (
+    LINEAR,
+    PARAMETER,
+    LinearAircraft,
+    find_linear,
+    linear_models,
+)
 from heli_inner_hinf.controller_state import Actuation
 from heli_outer_pd.state import RotorMap, blade_pitch
 
@@ -120,12 +126,12 @@ def _outer(aircraft: LinearAircraft) -> dict[str, Any]:
     pitch_per_n = (
         blade_pitch(weight_n + little, 0.0, rotor) - blade_pitch(weight_n - little, 0.0, rotor)
     ) / (2.0 * little)
-    thrust_per_col = -aircraft.mass_kg * aircraft.B[2, ACTUATOR.col]
+    thrust_per_col = -aircraft.mass_kg * aircraft.B[LINEAR.w, ACTUATOR.col]
     K_col = float(pitch_per_n * thrust_per_col)
     if not abs(K_col) < 1.0:
         raise AircraftError(
-            f"{aircraft.B[2, ACTUATOR.col]:g} m/s2 of collective is more than a rotor of its "
-            "radius and speed gives",
+            f"{aircraft.B[LINEAR.w, ACTUATOR.col]:g} m/s2 of collective is more than a rotor of "
+            "its radius and speed gives",
             ParameterCause.BOUNDS, key="B: w: d_col",
         )  # fmt: skip
     # Collective of the least blade pitch stays within what is flown.
