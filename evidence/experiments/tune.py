@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Print what `heli tune` makes of the packaged PID, by its goals and in flight, as JSON.
 
-Usage: ./heli python -m evidence.experiments.tune [--seeds 1..10]
+Usage: ./heli python -m evidence.experiments.tune [--seeds 1..5]
 
 The goals are the packaged ones; beside the PID stands output feedback of order 4. Both PIDs are
 flown in the scenario `attitude_gusts` with RTK, in the worlds `paper` and `honest`; errors are of
@@ -70,9 +70,9 @@ def experiment(options: Options) -> dict[str, Any]:
 
 produces(
     "tune",
-    "./heli python -m evidence.experiments.tune --seeds 1..10",
+    "./heli python -m evidence.experiments.tune --seeds 1..5",
     "What `heli tune` makes of the packaged PID, and an output feedback of order 4.",
-    tuple(range(1, 11)),
+    tuple(range(1, 6)),
     relative=FIT,
     loose={"parameters": NOT_COMPARED, "starts": NOT_COMPARED},
 )
@@ -108,4 +108,4 @@ def tune(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(print_result(__doc__, experiment, "1..10"))
+    sys.exit(print_result(__doc__, experiment, "1..5"))

@@ -11,7 +11,7 @@ from heli_flight.cli import app as cli
 from heli_flight.settings import resolve
 from heli_inner_hinf.attitude_goals import pid_structure
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.fixed_structure import Problem
+from heli_inner_hinf.fixed_structure import TuningProblem
 from heli_studies.tune import PACKAGED, TuneOrder, aircraft_of, goals_of, read_goals
 
 GOALS = """
@@ -56,7 +56,7 @@ def test_goals_hold_for_every_aircraft_in_every_world():
 
 def test_the_packaged_law_keeps_the_hard_goals_and_betters_the_shipped_one():
     order = TuneOrder()
-    problem = Problem(pid_structure(), goals_of(read_goals(order), aircraft_of(order)))
+    problem = TuningProblem(pid_structure(), goals_of(read_goals(order), aircraft_of(order)))
     soft = {}
     for name, files in (("shipped", []), ("tuned", [config_folder("heli_flight") / PACKAGED])):
         inner = resolve(params=files, laws="pid").nodes["inner_loop"]

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-CLI, TERMINAL = ("heli_flight/cli/", "heli_studies/cli"), "heli_flight/terminal.py"
+CLI = ("heli_flight/cli/", "heli_studies/cli", "heli_studies/tune_command.py")
+TERMINAL = "heli_flight/terminal.py"
 ONLY_IN = {
     "argparse": (),
     "getopt": (),

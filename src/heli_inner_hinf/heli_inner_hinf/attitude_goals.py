@@ -21,8 +21,8 @@ from heli_core.rows import ATTITUDE, MEASURED, NINE
 from heli_core.ticks import TICK_S
 from heli_inner_hinf.controller_state import INPUTS, N_V, OutputLaw, output_law
 from heli_inner_hinf.fixed_structure import (
-    Plant,
-    Structure,
+    LawStructure,
+    StructuredPlant,
     Vector,
     affine,
     output_feedback,
@@ -54,7 +54,7 @@ def _places(groups: Mapping[str, int]) -> dict[str, slice]:
     return {name: slice(int(ends[i]), int(ends[i + 1])) for i, name in enumerate(groups)}
 
 
-def loop_plant(one: SampledAircraft, come: Sequence[str], go: Sequence[str]) -> Plant:
+def loop_plant(one: SampledAircraft, come: Sequence[str], go: Sequence[str]) -> StructuredPlant:
     """From groups of `INPUT_GROUPS` to groups of `OUTPUT_GROUPS`.
 
     Errors of attitude are to the command of roll and pitch; the heading is commanded nothing.
@@ -78,19 +78,21 @@ def loop_plant(one: SampledAircraft, come: Sequence[str], go: Sequence[str]) -> 
     D11[z["half_y"], w["added_y"]] = 0.5 * np.eye(_N_Y)
     columns = np.concatenate([np.arange(n_w)[w[name]] for name in come])
     rows = np.concatenate([np.arange(n_z)[z[name]] for name in go])
-    return Plant(
+    return StructuredPlant(
         A, B1[:, columns], B, C1[rows], C2, D11[np.ix_(rows, columns)], D12[rows],
         D21[:, columns], TICK_S,
     )  # fmt: skip
 
 
-def margin_plant(one: SampledAircraft, at: str) -> Plant:
+def margin_plant(one: SampledAircraft, at: str) -> StructuredPlant:
     """Whose w -> z is S - I/2 with the loop broken at the plant's "input" or "output"."""
     come, go = DISK_MARGIN_AT[at]
     return loop_plant(one, [come], [go])
 
 
-def surroundings_plant(one: SampledAircraft, wanted: CostScales, air: Surroundings) -> Plant:
+def surroundings_plant(
+    one: SampledAircraft, wanted: CostScales, air: Surroundings
+) -> StructuredPlant:
     """From white noise to attitude errors and steps of the commands, in units of what is wanted.
 
     States: the plant's, those of what moves it, u of the tick before.
@@ -115,7 +117,7 @@ def surroundings_plant(one: SampledAircraft, wanted: CostScales, air: Surroundin
     step[:, before] = -np.eye(N_U)
     c1 = np.vstack([error / np.asarray(wanted.angle_rad)[:, None], step / wanted.step])
     d12 = np.vstack([np.zeros((N_U, N_U)), np.eye(N_U) / wanted.step])
-    return Plant(a, b1, b2, c1, c2, np.zeros((2 * N_U, n_w)), d12, d21, TICK_S)
+    return StructuredPlant(a, b1, b2, c1, c2, np.zeros((2 * N_U, n_w)), d12, d21, TICK_S)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -127,17 +129,17 @@ def _system(law: OutputLaw) -> System:
     return System(law.A, law.B, law.C, law.D)
 
 
-def pid_structure() -> Structure:
+def pid_structure() -> LawStructure:
     """K_P, K_I, K_D of roll, pitch, yaw, nine numbers: the packaged PID away from its limits."""
     return affine(lambda gains: _system(pid_as_output_law(*gains.reshape(3, N_U))), 3 * N_U)
 
 
-def state_structure(n_x: int) -> Structure:
+def state_structure(n_x: int) -> LawStructure:
     """F (3, n_x) and G (3, 3) of eq. (17), row by row, for a plant whose y is the state and r."""
     return output_feedback(0, N_U, n_x + N_U)
 
 
-def output_structure(order: int) -> Structure:
+def output_structure(order: int) -> LawStructure:
     """All matrices of a law of that order that reads `INPUTS`, row by row."""
     return output_feedback(order, N_U, N_V)
 

@@ -29,7 +29,7 @@ from scipy.linalg import block_diag, eig, solve_continuous_lyapunov, solve_discr
 from heli_core.central_controller import System, to_continuous
 from heli_core.errors import SynthesisError
 from heli_inner_hinf.mu import scaled_mu
-from heli_inner_hinf.nonsmooth import Point, minimise
+from heli_inner_hinf.nonsmooth import Evaluation, minimise
 from heli_inner_hinf.synthesis import Matrix, checked, hinf_norm
 
 Vector = NDArray[np.float64]
@@ -40,7 +40,7 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Plant:
+class StructuredPlant:
     """x' = A x + B1 w + B2 u, z = C1 x + D11 w + D12 u, y = C2 x + D21 w; no path from u to y.
 
     Attributes
@@ -61,7 +61,7 @@ class Plant:
     D21: Matrix
     dt_s: float = 0.0
 
-    def joined(self, order: int) -> Plant:
+    def joined(self, order: int) -> StructuredPlant:
         """The plant with the states of a law of that order, which the law's matrices then feed."""
         if order == 0:
             return self
@@ -88,7 +88,7 @@ def plant_of(
     D12: ArrayLike | None = None,
     D21: ArrayLike | None = None,
     dt_s: float = 0.0,
-) -> Plant:
+) -> StructuredPlant:
     """A plant with checked shapes; direct paths that are not given are zero.
 
     Raises
@@ -109,11 +109,11 @@ def plant_of(
         name: np.zeros(shape) if given is None else checked(name, given, shape)
         for name, (given, shape) in shapes.items()
     }
-    return Plant(checked("A", a, (n, n)), b1, b2, c1, c2, **direct, dt_s=dt_s)
+    return StructuredPlant(checked("A", a, (n, n)), b1, b2, c1, c2, **direct, dt_s=dt_s)
 
 
 @dataclass(frozen=True)
-class Structure:
+class LawStructure:
     """K (order + n_u, order + n_y) = base + sum of parameter times its matrix of `basis`.
 
     Attributes
@@ -147,7 +147,7 @@ class Structure:
         return System(K[:k, :k], K[:k, k:], K[k:, :k], K[k:, k:])
 
 
-def affine(law: Callable[[Vector], System], size: int) -> Structure:
+def affine(law: Callable[[Vector], System], size: int) -> LawStructure:
     """The structure of laws that depend affinely on `size` numbers, from a function of them."""
 
     def stacked(numbers: Vector) -> Matrix:
@@ -156,20 +156,20 @@ def affine(law: Callable[[Vector], System], size: int) -> Structure:
 
     base = stacked(np.zeros(size))
     basis = np.array([stacked(one) - base for one in np.eye(size)]).reshape(size, *base.shape)
-    return Structure(law(np.zeros(size)).A.shape[0], base, basis)
+    return LawStructure(law(np.zeros(size)).A.shape[0], base, basis)
 
 
-def output_feedback(order: int, n_u: int, n_y: int) -> Structure:
+def output_feedback(order: int, n_u: int, n_y: int) -> LawStructure:
     """All matrices free: static output feedback for order 0."""
     rows, columns = order + n_u, order + n_y
-    return Structure(
+    return LawStructure(
         order,
         np.zeros((rows, columns)),
         np.eye(rows * columns).reshape(rows * columns, rows, columns),
     )
 
 
-def side_by_side(*structures: Structure) -> Structure:
+def side_by_side(*structures: LawStructure) -> LawStructure:
     """Blocks of a cascade or of a decentralised law: each with its own y, u and parameters."""
     orders = [one.order for one in structures]
     total = sum(orders)
@@ -194,7 +194,7 @@ def side_by_side(*structures: Structure) -> Structure:
         for i, one in enumerate(structures)
         for matrix in one.basis
     ]
-    return Structure(total, placed([one.base for one in structures]), np.array(basis))
+    return LawStructure(total, placed([one.base for one in structures]), np.array(basis))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -326,7 +326,7 @@ def h2(loop: System, dt_s: float) -> Slope:
 # -------------------------------------------------------------------------------------------------
 
 
-class Kind(enum.Enum):
+class GoalKind(enum.Enum):
     """What a goal measures."""
 
     HINF = "hinf"
@@ -344,8 +344,8 @@ class Goal:
     Attributes
     ----------
     name : str
-    kind : Kind
-    plant : Plant
+    kind : GoalKind
+    plant : StructuredPlant
         Whose w -> z is measured; of `DISK_MARGIN` the one whose w -> z is S - I/2.
     bound : float
         Norms, `FASTEST`: at most this; `DECAY` (rad/s), `DAMPING`, `DISK_MARGIN` (alpha of
@@ -357,8 +357,8 @@ class Goal:
     """
 
     name: str
-    kind: Kind
-    plant: Plant
+    kind: GoalKind
+    plant: StructuredPlant
     bound: float
     hard: bool = False
     where: str = ""
@@ -366,7 +366,7 @@ class Goal:
     @property
     def scalings(self) -> int:
         """How many logarithms of scalings the goal brings along, which are free, too."""
-        return self.plant.D11.shape[0] - 1 if self.kind is Kind.DISK_MARGIN else 0
+        return self.plant.D11.shape[0] - 1 if self.kind is GoalKind.DISK_MARGIN else 0
 
 
 @dataclass(frozen=True)
@@ -397,20 +397,20 @@ _AT_REST_RADPS = -1e-6
 
 
 @dataclass(frozen=True)
-class Problem:
+class TuningProblem:
     """Goals for one law.
 
     Attributes
     ----------
-    structure : Structure
+    structure : LawStructure
     goals : tuple of Goal
     """
 
-    structure: Structure
+    structure: LawStructure
     goals: tuple[Goal, ...]
 
     @cached_property
-    def _plants(self) -> tuple[Plant, ...]:
+    def _plants(self) -> tuple[StructuredPlant, ...]:
         return tuple(goal.plant.joined(self.structure.order) for goal in self.goals)
 
     @cached_property
@@ -462,19 +462,19 @@ class Problem:
         goal = self.goals[place]
         loop = self.closed(place, self.structure.matrix(x[: self.structure.size]))
         dt_s, bound = goal.plant.dt_s, goal.bound
-        if goal.kind is Kind.DECAY:
+        if goal.kind is GoalKind.DECAY:
             slope = abscissa(loop, dt_s)
             return 2.0 + slope.value / bound, self._chained(place, slope) / bound
-        if goal.kind is Kind.DAMPING:
+        if goal.kind is GoalKind.DAMPING:
             slope = least_damping(loop, dt_s, bound)
             # in rad/s: a mode at 1 rad/s that lacks all of the damping is one too much
             return 1.0 + slope.value, self._chained(place, slope)
-        if goal.kind is Kind.FASTEST:
+        if goal.kind is GoalKind.FASTEST:
             slope = fastest(loop, dt_s)
             return slope.value / bound, self._chained(place, slope) / bound
-        if goal.kind is Kind.DISK_MARGIN:
+        if goal.kind is GoalKind.DISK_MARGIN:
             return self._margin(place, x, loop)
-        slope = hinf(loop, dt_s) if goal.kind is Kind.HINF else h2(loop, dt_s)
+        slope = hinf(loop, dt_s) if goal.kind is GoalKind.HINF else h2(loop, dt_s)
         return slope.value / bound, self._chained(place, slope) / bound
 
     def _margin(self, place: int, x: Vector, loop: System) -> tuple[float, Vector]:
@@ -490,10 +490,10 @@ class Problem:
         gradient[self._scalings[place]] = by_d[:-1]
         return goal.bound * slope.value, goal.bound * gradient
 
-    def point(self, x: Vector) -> Point:
+    def point(self, x: Vector) -> Evaluation:
         """Worst soft share, hard shares less 1, and gradients; inf where a loop is not stable."""
         hard = [i for i, goal in enumerate(self.goals) if goal.hard]
-        nowhere = Point(
+        nowhere = Evaluation(
             np.inf,
             np.zeros(self.size),
             np.full(len(hard), np.inf),
@@ -511,7 +511,7 @@ class Problem:
         value, gradient = 0.0, np.zeros(self.size)
         if soft:
             value, gradient = max((shares[i] for i in soft), key=lambda one: one[0])
-        return Point(
+        return Evaluation(
             value,
             gradient,
             np.array([shares[i][0] - 1.0 for i in hard]),
@@ -525,17 +525,17 @@ class Problem:
         for i, goal in enumerate(self.goals):
             loop, dt_s = self.closed(i, K), goal.plant.dt_s
             growth = abscissa(loop, dt_s).value
-            if growth >= _AT_REST_RADPS and goal.kind is not Kind.DECAY:
+            if growth >= _AT_REST_RADPS and goal.kind is not GoalKind.DECAY:
                 found.append(Reached(goal, np.nan, np.inf))
                 continue
             share = self.share(i, x)[0]
             value = share * goal.bound
-            if goal.kind is Kind.DECAY:
+            if goal.kind is GoalKind.DECAY:
                 value = -growth
-            elif goal.kind is Kind.DAMPING:
+            elif goal.kind is GoalKind.DAMPING:
                 s = _rates(np.linalg.eigvals(loop.A).astype(complex), dt_s)
                 value = float(np.min(-s.real / np.maximum(np.abs(s), 1e-300)))
-            elif goal.kind is Kind.DISK_MARGIN:
+            elif goal.kind is GoalKind.DISK_MARGIN:
                 value = goal.bound / share
             found.append(Reached(goal, float(value), float(share)))
         return tuple(found)
@@ -608,7 +608,7 @@ class Tuned:
 
     Attributes
     ----------
-    problem : Problem
+    problem : TuningProblem
     x : array
         The structure's parameters, then logarithms of scalings.
     reached : tuple of Reached
@@ -616,7 +616,7 @@ class Tuned:
         In their order; those that found no stable loop are left out.
     """
 
-    problem: Problem
+    problem: TuningProblem
     x: Vector
     reached: tuple[Reached, ...]
     starts: tuple[Start, ...] = field(default=())
@@ -643,7 +643,7 @@ class Tuned:
 
 
 def tune(
-    problem: Problem,
+    problem: TuningProblem,
     start: ArrayLike | None = None,
     scale: ArrayLike | None = None,
     starts: int = 1,
@@ -655,7 +655,7 @@ def tune(
 
     Parameters
     ----------
-    problem : Problem
+    problem : TuningProblem
     start : (m,) array, optional
         The structure's parameters at the first start; default: zero.
     scale : (m,) array, optional
@@ -703,15 +703,15 @@ def tune(
 
 
 def _from(
-    problem: Problem, parameters: Vector, sizes: Vector, iterations: int
+    problem: TuningProblem, parameters: Vector, sizes: Vector, iterations: int
 ) -> tuple[Vector, Start] | None:
     """Stabilised, then descended, in units of `sizes`."""
     m = problem.structure.size
     units = np.append(sizes, np.ones(problem.size - m))
 
-    def growth(scaled: Vector) -> Point:
+    def growth(scaled: Vector) -> Evaluation:
         value, gradient = problem.growth(scaled * units)
-        return Point(value, gradient * units, np.zeros(0), np.zeros((0, problem.size)))
+        return Evaluation(value, gradient * units, np.zeros(0), np.zeros((0, problem.size)))
 
     x = np.zeros(problem.size)
     x[:m] = parameters
@@ -722,9 +722,11 @@ def _from(
             return None
     x = problem.scaled_start(x[:m])
 
-    def point(scaled: Vector) -> Point:
+    def point(scaled: Vector) -> Evaluation:
         found = problem.point(scaled * units)
-        return Point(found.value, found.gradient * units, found.violations, found.slopes * units)
+        return Evaluation(
+            found.value, found.gradient * units, found.violations, found.slopes * units
+        )
 
     end = minimise(point, x / units, iterations)
     x = end.x * units

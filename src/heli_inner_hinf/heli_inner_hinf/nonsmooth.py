@@ -34,7 +34,7 @@ _MOST_SAMPLED = 40
 _RADII = (1e-2, 1e-3, 1e-4)
 
 
-class Point(NamedTuple):
+class Evaluation(NamedTuple):
     """What is known at a place.
 
     Attributes
@@ -60,7 +60,7 @@ class End:
     Attributes
     ----------
     x : (n,) array
-    point : Point
+    point : Evaluation
     iterations, evaluations : int
     stationarity : float
         Norm of the shortest convex combination of gradients of the penalty function nearby: near
@@ -68,7 +68,7 @@ class End:
     """
 
     x: Vector
-    point: Point
+    point: Evaluation
     iterations: int
     evaluations: int
     stationarity: float
@@ -77,27 +77,27 @@ class End:
 class _Penalty:
     """weight * value + sum of violations, counted."""
 
-    def __init__(self, evaluate: Callable[[Vector], Point]) -> None:
+    def __init__(self, evaluate: Callable[[Vector], Evaluation]) -> None:
         self._evaluate = evaluate
         self.weight = 1.0
         self.evaluations = 0
 
-    def at(self, x: Vector) -> Point:
+    def at(self, x: Vector) -> Evaluation:
         self.evaluations += 1
         return self._evaluate(x)
 
-    def value(self, point: Point) -> float:
+    def value(self, point: Evaluation) -> float:
         if not np.isfinite(point.value):
             return np.inf
         return self.weight * point.value + float(np.sum(np.maximum(point.violations, 0.0)))
 
-    def gradient(self, point: Point) -> Vector:
+    def gradient(self, point: Evaluation) -> Vector:
         broken = point.violations > 0.0
         return self.weight * point.gradient + np.sum(point.slopes[broken], axis=0)
 
 
 def minimise(
-    evaluate: Callable[[Vector], Point],
+    evaluate: Callable[[Vector], Evaluation],
     start: Vector,
     iterations: int = 300,
     tolerance: float = 1e-6,
@@ -169,16 +169,18 @@ def minimise(
 _KEPT = 1e-6
 
 
-def _better(one: tuple[Vector, Point], other: tuple[Vector, Point]) -> tuple[Vector, Point]:
+def _better(
+    one: tuple[Vector, Evaluation], other: tuple[Vector, Evaluation]
+) -> tuple[Vector, Evaluation]:
     """What violates less; within `_KEPT` what is smaller."""
 
-    def rank(point: Point) -> tuple[float, float]:
+    def rank(point: Evaluation) -> tuple[float, float]:
         return max(float(np.max(point.violations, initial=0.0)), _KEPT), point.value
 
     return other if rank(other[1]) < rank(one[1]) else one
 
 
-def _steered(penalty: _Penalty, point: Point, H: Matrix) -> Vector:
+def _steered(penalty: _Penalty, point: Evaluation, H: Matrix) -> Vector:
     """The direction of the quadratic program, with the value's weight cut until it mends enough."""
     if not point.violations.size:
         return -H @ (penalty.weight * point.gradient)
@@ -199,7 +201,7 @@ def _steered(penalty: _Penalty, point: Point, H: Matrix) -> Vector:
     return direction
 
 
-def _quadratic(weight: float, point: Point, H: Matrix) -> Vector:
+def _quadratic(weight: float, point: Evaluation, H: Matrix) -> Vector:
     """Minimiser of the penalty function's model, gradients and 1/2 d' inv(H) d, by its dual."""
     J, c = point.slopes, point.violations
     JH = J @ H
@@ -216,11 +218,11 @@ def _quadratic(weight: float, point: Point, H: Matrix) -> Vector:
 
 
 def _search(
-    penalty: _Penalty, x: Vector, point: Point, direction: Vector, slope: float
-) -> tuple[Vector, Point] | None:
+    penalty: _Penalty, x: Vector, point: Evaluation, direction: Vector, slope: float
+) -> tuple[Vector, Evaluation] | None:
     """Weak Wolfe by bisection and doubling; None where no step lessens the value."""
     value, low, high, step = penalty.value(point), 0.0, np.inf, 1.0
-    lower: tuple[Vector, Point] | None = None
+    lower: tuple[Vector, Evaluation] | None = None
     for _ in range(_LONGEST_SEARCH):
         new_x = x + step * direction
         new = penalty.at(new_x)
@@ -236,7 +238,7 @@ def _search(
     return lower
 
 
-def _near(recent: deque[tuple[Vector, Point]], x: Vector, penalty: _Penalty) -> list[Vector]:
+def _near(recent: deque[tuple[Vector, Evaluation]], x: Vector, penalty: _Penalty) -> list[Vector]:
     close = [p for at, p in recent if np.linalg.norm(at - x) <= _CLOSE * (1.0 + np.linalg.norm(x))]
     return [penalty.gradient(one) for one in close]
 
@@ -259,8 +261,8 @@ def _shortest_of(gradients: list[Vector]) -> Vector:
 
 
 def _sampled(
-    penalty: _Penalty, x: Vector, point: Point, stationarity: float, seed: int
-) -> tuple[Vector, Point, float]:
+    penalty: _Penalty, x: Vector, point: Evaluation, stationarity: float, seed: int
+) -> tuple[Vector, Evaluation, float]:
     """Steps along the shortest combination of gradients sampled in balls that shrink."""
     rng = np.random.default_rng(seed)
     for radius in _RADII:

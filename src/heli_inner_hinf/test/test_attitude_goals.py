@@ -18,7 +18,7 @@ from heli_inner_hinf.attitude_goals import (
     surroundings_plant,
 )
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.fixed_structure import Goal, Kind, Problem, h2
+from heli_inner_hinf.fixed_structure import Goal, GoalKind, TuningProblem, h2
 from heli_inner_hinf.loops import feedback_of_law, judge, pid_as_output_law
 from heli_inner_hinf.parameters import NODE_NAME, TABLE
 from heli_inner_hinf.tuning import CostScales, LawBenchmark, SampledAircraft, Surroundings
@@ -35,8 +35,8 @@ def nominal():
 
 def test_the_h2_norm_is_the_root_of_the_searches_cost(nominal):
     wanted, air = CostScales(), Surroundings()
-    goal = Goal("cost", Kind.H2, surroundings_plant(nominal, wanted, air), 1.0)
-    problem = Problem(pid_structure(), (goal,))
+    goal = Goal("cost", GoalKind.H2, surroundings_plant(nominal, wanted, air), 1.0)
+    problem = TuningProblem(pid_structure(), (goal,))
     value = problem.reached(GAINS)[0].value
     cost = LawBenchmark(nominal, (), wanted, air).cost(pid_as_output_law(*np.split(GAINS, 3)))
     assert value**2 == pytest.approx(cost, rel=1e-9)
@@ -44,8 +44,8 @@ def test_the_h2_norm_is_the_root_of_the_searches_cost(nominal):
 
 @pytest.mark.parametrize("at", ["input", "output"])
 def test_a_margin_with_a_constant_scaling_is_a_lower_bound(nominal, at):
-    goal = Goal("margin", Kind.DISK_MARGIN, margin_plant(nominal, at), 0.4)
-    problem = Problem(pid_structure(), (goal,))
+    goal = Goal("margin", GoalKind.DISK_MARGIN, margin_plant(nominal, at), 0.4)
+    problem = TuningProblem(pid_structure(), (goal,))
     value = problem.reached(problem.scaled_start(GAINS))[0].value
     law = pid_as_output_law(*np.split(GAINS, 3))
     exact = judge(nominal.A, nominal.B, feedback_of_law(law), nominal.actuation)
@@ -55,10 +55,10 @@ def test_a_margin_with_a_constant_scaling_is_a_lower_bound(nominal, at):
 
 def test_output_feedback_begins_as_the_pid(nominal):
     """Its integrators forget in 10 s, its further state is not listened to."""
-    goal = Goal("cost", Kind.H2, surroundings_plant(nominal, CostScales(), Surroundings()), 1.0)
-    pid = Problem(pid_structure(), (goal,)).reached(GAINS)[0].value
+    goal = Goal("cost", GoalKind.H2, surroundings_plant(nominal, CostScales(), Surroundings()), 1.0)
+    pid = TuningProblem(pid_structure(), (goal,)).reached(GAINS)[0].value
     start = output_start(GAINS, 4)
-    assert Problem(output_structure(4), (goal,)).reached(start)[0].value == pytest.approx(
+    assert TuningProblem(output_structure(4), (goal,)).reached(start)[0].value == pytest.approx(
         pid, rel=0.3
     )
 
@@ -79,7 +79,7 @@ def test_state_feedback_has_F_and_G():
 
 def test_commands_are_no_errors_of_a_loop_that_follows(nominal):
     plant = loop_plant(nominal, ["command"], ["attitude"])
-    problem = Problem(pid_structure(), (Goal("follow", Kind.H2, plant, 1.0),))
+    problem = TuningProblem(pid_structure(), (Goal("follow", GoalKind.H2, plant, 1.0),))
     closed = problem.closed(0, pid_structure().matrix(GAINS))
     at_rest = closed.D + closed.C @ np.linalg.solve(np.eye(closed.A.shape[0]) - closed.A, closed.B)
     assert np.max(np.abs(at_rest)) < 1e-9

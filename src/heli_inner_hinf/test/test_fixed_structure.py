@@ -13,9 +13,9 @@ from scipy.signal import dimpulse, dlti
 from heli_core.central_controller import System
 from heli_inner_hinf.fixed_structure import (
     Goal,
-    Kind,
+    GoalKind,
     NotStabilizedError,
-    Problem,
+    TuningProblem,
     affine,
     h2,
     hinf,
@@ -25,7 +25,7 @@ from heli_inner_hinf.fixed_structure import (
     tune,
 )
 from heli_inner_hinf.mu import discrete_norm
-from heli_inner_hinf.nonsmooth import Point, minimise
+from heli_inner_hinf.nonsmooth import Evaluation, minimise
 
 HALF = 1.0 / np.sqrt(2.0)
 
@@ -110,14 +110,14 @@ def laws():
 
 @pytest.mark.parametrize("dt_s", [0.0, 0.01])
 @pytest.mark.parametrize("law", laws())
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", GoalKind)
 def test_gradients_are_those_of_differences(kind, law, dt_s):
     plant, structure = random_plant(3, dt_s), laws()[law]
-    if kind is Kind.H2 and dt_s == 0.0:
+    if kind is GoalKind.H2 and dt_s == 0.0:
         nothing = np.zeros((2, 2))
         plant = plant_of(plant.A, plant.B1, plant.B2, plant.C1, plant.C2, nothing, plant.D12,
                          nothing)  # fmt: skip
-    problem = Problem(structure, (Goal("one", kind, plant, 0.3),))
+    problem = TuningProblem(structure, (Goal("one", kind, plant, 0.3),))
     x = 0.05 * np.random.default_rng(1).normal(size=problem.size)
     if dt_s:
         # a law's mode at 0 is one whose logarithm no difference can follow
@@ -166,7 +166,7 @@ def test_a_nonsmooth_valley_under_a_nonsmooth_constraint(sharp):
         value = sharp * abs(bend) + (1.0 - x[0]) ** 2
         gradient = np.array([-2.0 * sharp * side * x[0] - 2.0 * (1.0 - x[0]), sharp * side])
         lean = 1.2 * abs(x[1]) - x[0]
-        return Point(value, gradient, np.array([lean]),
+        return Evaluation(value, gradient, np.array([lean]),
                      np.array([[-1.0, 1.2 * np.sign(x[1])]]))  # fmt: skip
 
     end = minimise(point, np.array([-0.9, 1.1]), 400)
@@ -176,7 +176,7 @@ def test_a_nonsmooth_valley_under_a_nonsmooth_constraint(sharp):
 
 def problem_of(plant, order=0, **goal):
     structure = output_feedback(order, plant.B2.shape[1], plant.C2.shape[0])
-    return Problem(structure, (Goal("T", Kind.HINF, plant, 1.0, **goal),))
+    return TuningProblem(structure, (Goal("T", GoalKind.HINF, plant, 1.0, **goal),))
 
 
 def test_what_no_gain_stabilises_is_refused():
@@ -188,9 +188,9 @@ def test_what_no_gain_stabilises_is_refused():
 
 def test_hard_goals_are_kept_and_cost_something():
     free = tune(problem_of(he1()), starts=2)
-    fast = Goal("decay", Kind.DECAY, he1(), 0.2, hard=True)
+    fast = Goal("decay", GoalKind.DECAY, he1(), 0.2, hard=True)
     problem = problem_of(he1())
-    kept = tune(Problem(problem.structure, (*problem.goals, fast)), starts=2)
+    kept = tune(TuningProblem(problem.structure, (*problem.goals, fast)), starts=2)
     assert kept.hard <= 1.0 + 1e-3
     assert kept.soft > free.soft
     assert kept.reached[1].value >= 0.2 * (1.0 - 1e-3)

@@ -43,12 +43,12 @@ from heli_inner_hinf.attitude_goals import (
 from heli_inner_hinf.controller_state import MAX_ORDER, Actuation
 from heli_inner_hinf.fixed_structure import (
     Goal,
-    Kind,
-    Plant,
-    Problem,
+    GoalKind,
+    LawStructure,
     Reached,
-    Structure,
+    StructuredPlant,
     Tuned,
+    TuningProblem,
     Vector,
 )
 from heli_inner_hinf.fixed_structure import tune as tune_problem
@@ -209,7 +209,7 @@ def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
     unknown = sorted(str(key) for key in row.keys() - _KEYS)
     if unknown:
         raise ParameterError(f"{where}: {unknown[0]!r} is none of {', '.join(sorted(_KEYS))}")
-    kinds = [kind.value for kind in Kind]
+    kinds = [kind.value for kind in GoalKind]
     name, kind, bound = row.get("name"), row.get("kind"), row.get("bound")
     hard, ticks = row.get("hard", False), row.get("further_ticks", 0)
     if not isinstance(name, str) or not name:
@@ -222,14 +222,14 @@ def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
         raise ParameterError(
             f"{where}: bound {row.get('bound')!r} is not allowed; allowed: a number above 0"
         )
-    if kind == Kind.DAMPING.value and not bound < 1.0:
+    if kind == GoalKind.DAMPING.value and not bound < 1.0:
         raise ParameterError(f"{where}: bound {bound!r} of a damping is not below 1")
     if not isinstance(hard, bool):
         raise ParameterError(f"{where}: hard {hard!r} is neither true nor false")
     if not isinstance(ticks, int) or not 0 <= ticks <= _MOST_TICKS:
         raise ParameterError(f"{where}: further_ticks {ticks!r}; allowed: 0 to {_MOST_TICKS}")
     row = {**row, "bound": bound, "hard": hard, "further_ticks": ticks}
-    if kind in (Kind.H2.value, Kind.HINF.value):
+    if kind in (GoalKind.H2.value, GoalKind.HINF.value):
         come, go = row.get("from"), row.get("to")
         if (come, go) != ([SURROUNDINGS], [COST]):
             for key, groups, known in (("from", come, INPUT_GROUPS), ("to", go, OUTPUT_GROUPS)):
@@ -239,18 +239,18 @@ def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
                         f"{where}: {key} {groups!r}; allowed: a list of {', '.join(known)}, or "
                         f"from [{SURROUNDINGS}] to [{COST}]"
                     )
-    elif kind == Kind.DISK_MARGIN.value and row.get("at") not in DISK_MARGIN_AT:
+    elif kind == GoalKind.DISK_MARGIN.value and row.get("at") not in DISK_MARGIN_AT:
         raise ParameterError(
             f"{where}: at {row.get('at')!r} is none of {', '.join(DISK_MARGIN_AT)}"
         )
     return row
 
 
-def _plant(row: Mapping[str, Any], one: SampledAircraft) -> Plant:
+def _plant(row: Mapping[str, Any], one: SampledAircraft) -> StructuredPlant:
     one = one.later(row["further_ticks"]) if row["further_ticks"] else one
-    if row["kind"] == Kind.DISK_MARGIN.value:
+    if row["kind"] == GoalKind.DISK_MARGIN.value:
         return margin_plant(one, row["at"])
-    if row["kind"] not in (Kind.H2.value, Kind.HINF.value):
+    if row["kind"] not in (GoalKind.H2.value, GoalKind.HINF.value):
         return margin_plant(one, "input")
     if row["from"] == [SURROUNDINGS]:
         return surroundings_plant(one, CostScales(), Surroundings())
@@ -262,7 +262,14 @@ def goals_of(
 ) -> tuple[Goal, ...]:
     """Every goal for every aircraft."""
     return tuple(
-        Goal(row["name"], Kind(row["kind"]), _plant(row, one), row["bound"], row["hard"], one.name)
+        Goal(
+            row["name"],
+            GoalKind(row["kind"]),
+            _plant(row, one),
+            row["bound"],
+            row["hard"],
+            one.name,
+        )
         for one in aircraft
         for row in rows
     )
@@ -311,10 +318,10 @@ def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneR
         gains = _first_gains(order, aircraft)
     except ValueError as error:
         raise SynthesisError(str(error)) from None
-    structure: Structure = pid_structure() if n is None else output_structure(n)
+    structure: LawStructure = pid_structure() if n is None else output_structure(n)
     start = gains if n is None else output_start(gains, n)
     scale = None if n is None else output_scale(n)
-    problem = Problem(structure, goals_of(rows, aircraft))
+    problem = TuningProblem(structure, goals_of(rows, aircraft))
     tuned = tune_problem(
         problem, start, scale, order.starts, order.seed, order.iterations, tell=tell
     )
@@ -454,7 +461,9 @@ def print_result(result: TuneResult, out: Console) -> None:
         rows.add_column(head, justify="right")
     for was, now in zip(result.before, result.tuned.reached, strict=True):
         goal = now.goal
-        sense = ">=" if goal.kind in (Kind.DECAY, Kind.DAMPING, Kind.DISK_MARGIN) else "<="
+        sense = (
+            ">=" if goal.kind in (GoalKind.DECAY, GoalKind.DAMPING, GoalKind.DISK_MARGIN) else "<="
+        )
         rows.add_row(
             f"{goal.name}{', hard' if goal.hard else ''}",
             goal.where,
