@@ -183,8 +183,8 @@ def laws_hover(results: Results) -> str:
         for r in record["rows"]
     ]
     return (
-        f"{grid(head, body)}\n\nHover test with RTK, {results.seeds('laws_hover')}, truth less "
-        "drift at engagement, from 5 s to the end, the climb against its reference. Roll and "
+        f"{grid(head, body)}\n\nHover test with RTK, {results.seeds('laws_hover')}, "
+        "drift-corrected, from 5 s to the end, the climb against its reference. Roll and "
         f"pitch: largest departure in a hover phase from its mean, median / worst; on how many of "
         f"{len(record['seeds'])} both are inside the {ATTITUDE_DEG} deg that the paper states; on "
         "how many roll, pitch are below the default's; rms behind the command, median. Then "

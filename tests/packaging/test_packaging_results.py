@@ -29,6 +29,7 @@ DESCRIPTIVE = {
     "| command | what it does | exit code |",
     "| module | what it holds |",
     "| file | what | how sure |",
+    "| name | action | task |",
     "| name | args | what happens |",
     "| call | gives |",
     "| package | what lives there |",

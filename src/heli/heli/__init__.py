@@ -10,7 +10,7 @@
     flight.report("my_flight")               # the commands' HTML report
 
 Inside everything is NED and FRD, SI and rad; names say frame and unit. A name is loaded when it is
-first used. What cannot be is one of the exceptions here, with one sentence.
+first used. Errors are raised as the exception classes listed below, each with a one-line message.
 """
 
 from heli_core.faces import face

@@ -94,7 +94,7 @@ class Campaign(Sequence[Mapping[str, Any]]):
     def plot(self) -> Figure:
         """The share of the flights that stay below each size of an error, by metric.
 
-        A figure of matplotlib: truth and navigation record over the scored windows, and the bound.
+        A figure of matplotlib: truth and state estimate over the scored windows, and the bound.
         """
         return draw(self, self._metrics, self._summary())
 

@@ -62,7 +62,7 @@ class Compared:
 
 
 class ComparedMetrics(Mapping[str, Compared]):
-    """Metrics of all flights by name, from the navigation record over the scored windows.
+    """Metrics of all flights by name, from the state estimate over the scored windows.
 
     Parameters
     ----------

@@ -297,7 +297,7 @@ class Metric:
 
 
 class Metrics(Mapping[str, Metric]):
-    """Metrics by name, from the navigation record over the scored windows; others by `of`.
+    """Metrics by name, from the state estimate over the scored windows; others by `of`.
 
     Parameters
     ----------

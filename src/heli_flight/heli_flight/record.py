@@ -35,7 +35,7 @@ class FlightRecord:
         Velocity of the air at the aircraft, blowing towards.
     nav_pos_ned_m, nav_vel_ned_mps, nav_rate_body_radps : (N, 3) ndarray
     nav_q_nb : (N, 4) ndarray
-        The on-board navigation record (the observer's odom).
+        The on-board state estimate (the observer's odom).
     nav_rotor : (N, 3) ndarray
         Estimates of truth_rotor.
     reference : (N, 7) ndarray
@@ -45,7 +45,7 @@ class FlightRecord:
     u : (N, 4) ndarray
         Actuators d_lat, d_lon, d_ped, d_col.
     nav_sigma_pos_m, nav_sigma_vel_mps : (N, 3) ndarray, optional
-        Standard deviations of the navigation record, NED; None if they were not recorded.
+        Standard deviations of the state estimate, NED; None if they were not recorded.
     nav_sigma_att_rad : (N, 3) ndarray, optional
         The same of its attitude, as a rotation about north, east and down.
     excitation_u : (N, 4) ndarray, optional

@@ -411,7 +411,7 @@ def _begins_by_hand(record: FlightRecord) -> bool:
 
 
 def _climb(record: FlightRecord, gear: Gear) -> tuple[float, float] | None:
-    """Height at which the climb was done, above the start, by the navigation record, and asked, m.
+    """Height at which the climb was done, above the start, by the state estimate, and asked, m.
 
     Asked is what the take-off had of its own, else the gear's.
     """

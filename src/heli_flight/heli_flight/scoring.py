@@ -4,7 +4,7 @@ mission or an aircraft of the user's, beside the user's own bounds (`score.bound
 
 Each metric is given over two stretches of the flight: **whole**, from engagement to the end, the
 climb included, against the reference as commanded; and **windows**, the scenario's
-`score.windows_s`, hover alone. And from several records: the on-board navigation record, as the
+`score.windows_s`, hover alone. And from several records: the on-board state estimate, as the
 paper measured; ground truth, which only a simulation has; and, of positions, ground truth without
 the receiver's drift at engagement, which is what the control can be judged by. The paper's numbers
 are from flight; ours are from simulation. A stretch is judged only where its record has it: how
@@ -179,7 +179,7 @@ def figures_of(metrics: Iterable[PaperMetric]) -> str:
 def decides(source: str, gps: str) -> bool:
     """Whether what is measured from a record counts for a verdict.
 
-    The navigation record always counts, as in the paper. Ground truth counts where the receiver can
+    The state estimate always counts, as in the paper. Ground truth counts where the receiver can
     know it: with rtk. A standalone receiver drifts by 1 m.
     """
     return source == NAVIGATION or (source == TRUTH and gps == "rtk")
@@ -221,7 +221,7 @@ def errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarray
 
 
 def drift_at_engagement(record: FlightRecord) -> np.ndarray | None:
-    """What the navigation record's position (3,), NED, is off by once it has settled, m.
+    """What the state estimate's position (3,), NED, is off by once it has settled, m.
 
     None if the flight ended before, or one of the two was not recorded.
     """

@@ -632,7 +632,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         return f"message refused: {newest.why}" if newest is not None else ""
 
     def refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
-        """Refuse aloud a message whose stamp does not fit to the clock."""
+        """Reject, with a warning, a message whose stamp does not fit the clock."""
         stamp_ns, clock_ns = self.stamp_ns(tick), self.stamp_ns(clock_tick)
         self.refuse_aloud(topic, stamp_refusal(topic, stamp_ns, clock_ns, self.start_ns))
 

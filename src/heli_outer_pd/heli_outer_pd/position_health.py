@@ -91,7 +91,7 @@ def move_reference(ref, k, state):
 
 
 # -------------------------------------------------------------------------------------------------
-# Altitude without a sensor that knows it: down by thrust alone.
+# Altitude without a sensor that knows it: descend on fixed thrust.
 #
 # Without fixes and barometer the vertical velocity is the integral of an accelerometer, and its
 # error
@@ -185,7 +185,7 @@ def _ease(v_down, k, state):
 
 @njit
 def sink(nav, ref, k, state, d_h):
-    """Fly on, or down in a landing, by thrust: changes reference (10,) and disturbance d_h (3,)."""
+    """Fly on, or land on fixed thrust: changes reference (10,) and disturbance d_h (3,)."""
     v_down, wanted, eased = nav[NAV.down_vel], 0.0, 0.0
     if state.x[MEMORY.lands] > 0.5 and ref[SHAPED.down_vel] > 0.0:
         late_m = max(state.x[MEMORY.sunk_m] - state.x[MEMORY.ground_m] - _LATE_M, 0.0)

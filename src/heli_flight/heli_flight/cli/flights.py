@@ -76,7 +76,7 @@ Lockstep = Annotated[
     bool,
     typer.Option(
         "--lockstep",
-        help="as fast as the machine allows (default, unless the parameter file says else)",
+        help="as fast as the machine allows (default, unless the parameter file says otherwise)",
     ),
 ]
 Realtime = Annotated[bool, typer.Option("--realtime", help="at the pace of the wall clock")]

@@ -312,7 +312,7 @@ def _reach(report: Report, record: FlightRecord) -> float:
 
 
 def _scored_reach(report: Report, record: FlightRecord) -> float:
-    """Scale of the enlargement: the largest scored error of the navigation record, deg."""
+    """Scale of the enlargement: the largest scored error of the state estimate, deg."""
     scored = report.settings.scenario.scored(record.time_s)
     error = _attitude_error_deg(record, report.sources()[0])[scored]
     return max(0.05, 1.15 * largest(error))

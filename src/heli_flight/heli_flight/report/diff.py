@@ -306,7 +306,7 @@ def text(value: Any) -> str:
 
 
 def _metrics(flights: Sequence[Named]) -> list[MetricComparison]:
-    """What decides first; truth less drift where a standalone receiver flew."""
+    """What decides first; drift-corrected truth where a standalone receiver flew."""
     kinds = {named.flight.settings.scenario.kind for named in flights}
     every = (m for kind, row in METRICS.items() if kind in kinds for m in row)
     metrics = [_metric_of(flights, metric) for metric in every]

@@ -166,7 +166,7 @@ def _norm(value: float) -> str:
 def _outer(design: FinishedDesign, out: Console) -> Table:
     return _beside(
         "Position loop, gain and phase margin of either sign; rms in the hover test's turbulence "
-        "with RTK, and the least that any linear law leaves, actuators perfect",
+        "with RTK, and the LQG lower bound with ideal actuators",
         (
             "crossover",
             "gain margin",
