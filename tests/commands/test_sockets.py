@@ -48,6 +48,10 @@ CALLS = {
     "hover --live --foxglove-port": [*LIVE, "--foxglove-port", "0", "--out", "{own}"],
     "replay": ["replay", "{flight}", "--port", "0"],
     "ardupilot": ["ardupilot", "--port", "19002", "--out", "{own}"],
+    "mavlink": [
+        "mavlink", "--local-port", "19551", "--port", "19550", "--duration", "1",
+        "--world", "paper",
+    ],
     "joy": ["joy", "--keyboard"],
     "diff": ["diff", "{flight}", "{another}", "--out", "{own}.html"],
     "list": ["list", "scenarios"],

@@ -78,7 +78,7 @@ BY_PIP = {
 }  # fmt: skip
 
 # Of an extra: who asks for what needs it, and has it not, is told so in a sentence.
-OPTIONAL = {"gymnasium"}
+OPTIONAL = {"gymnasium", "pymavlink"}
 
 
 def manifest(package):
@@ -217,7 +217,7 @@ def test_every_third_party_import_is_required():
     for package in PACKAGES:
         needed |= {n for n in imports(package) if not n.startswith("heli_") and not of_ros(n)}
     needed = {DISTRIBUTIONS.get(name, name) for name in needed}
-    assert needed - pins("python.txt") == pins("gym.txt") == OPTIONAL
+    assert needed - pins("python.txt") == pins("gym.txt") | pins("mavlink.txt") == OPTIONAL
     assert OPTIONAL <= pins("test.txt")
     assert pins("python.txt") - needed == set()
 

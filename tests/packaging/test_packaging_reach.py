@@ -31,6 +31,7 @@ CALLED_BY_OTHERS = {
     "readings": "by estimators of others (Estimator)",
 }  # fmt: skip
 SET_FOR_OTHERS = {
+    "robust_parsing": "pymavlink's reader",
     "unraisablehook": "sys", "CACHE_DIR": "numba.config", "tempdir": "tempfile",
     "_protected_args": "typer.Context", "handlers": "logging.Logger",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",

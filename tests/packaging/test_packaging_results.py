@@ -48,6 +48,9 @@ DESCRIPTIVE = {
     # docs/howto/ardupilot.md: of a protocol
     "| what | how |",
     "| what comes | what is done |",
+    # docs/howto/mavlink.md: of a protocol, and of its peers
+    "| message | what becomes of it |",
+    "| peer | version | what was flown | how often |",
     # docs/field_reports.md: of whom, not measured
     "| reported at | what | tried | what happened | what is right |",
     # definitions, not measured

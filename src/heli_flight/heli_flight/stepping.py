@@ -44,6 +44,7 @@ from heli_flight.settings import Settings, without_own
 from heli_inner_hinf import estimate
 from heli_inner_hinf.ground_and_manual import stand_by
 from heli_outer_pd.modes import Phase, Refusal
+from heli_outer_pd.phases import Phases
 from heli_outer_pd.state import MEMORY
 
 # -------------------------------------------------------------------------------------------------
@@ -291,6 +292,37 @@ class SteppedFlight:
     def way(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """What the position law follows: times, ns, and points."""
         return self._course.times_ns, self._course.points
+
+    @property
+    def phases(self) -> Phases:
+        """What the flight does between the ground and the ground; for commands there is `ask`."""
+        return self._course.phases
+
+    def ask(self, asked: Callable[[Phases, int, NDArray[np.float64]], Refusal | None]) -> str:
+        """Have the phases asked for something between two steps, and follow what they make of it.
+
+        Parameters
+        ----------
+        asked : callable
+            Of the phases, the stamp of the position law's last step, ns, and its navigation row;
+            what it returns is what the phases say.
+
+        Returns
+        -------
+        str
+            Why it is refused, one sentence; empty if it is done.
+
+        Raises
+        ------
+        ReferenceRefused
+            No way within the limits; nothing has changed.
+        """
+        refused = asked(self._course.phases, self._last_step_ns(), self.loop.outer_s.nav)
+        if refused is not None:
+            return refused.sentence
+        self._sent = None
+        self._take()
+        return ""
 
     def noise(self) -> Iterator[NDArray[np.float64]]:
         """The random numbers of the ticks to come, in stretches (n, NOISE.size)."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, replay, ardupilot, campaign, design, identify, compare, report, score,
-diff, list, new, bag, log, echo, topics, fault, joy, takeoff, goto, land, mode, results, run,
-python, setup.
+"""The command `heli`: hover, replay, ardupilot, mavlink, campaign, design, identify, compare,
+report, score, diff, list, new, bag, log, echo, topics, fault, joy, takeoff, goto, land, mode,
+results, run, python, setup.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -45,6 +45,8 @@ from heli_flight.cli.flights import (
     replay,
 )
 from heli_flight.cli.listing import LIST_EPILOG, list_packaged
+from heli_flight.cli.mavlink import EPILOG as MAVLINK_EPILOG
+from heli_flight.cli.mavlink import mavlink
 from heli_flight.cli.new import new
 from heli_flight.cli.pilot import pilot
 
@@ -143,6 +145,7 @@ app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=DIFF_EPILOG)(diff)
 app.command("list", epilog=LIST_EPILOG)(list_packaged)
 app.command(epilog=ARDUPILOT_EPILOG)(ardupilot)
+app.command(epilog=MAVLINK_EPILOG)(mavlink)
 
 
 @app.command(
