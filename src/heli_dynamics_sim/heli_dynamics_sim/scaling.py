@@ -19,7 +19,7 @@ loop. Servos are bought and stay. Blade pitch and tail pitch at hover are solved
 
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, replace
 from typing import Any
 
@@ -212,7 +212,7 @@ def new_aircraft(given: Given, source: str | None = None, rule: Rule = Rule.MACH
         names = ("inertia_xx_kgm2", "inertia_yy_kgm2", "inertia_zz_kgm2")
         values.update(zip(names, given.inertia_kgm2, strict=True))
         yours.update(names)
-    scaled = replace(base, **{name: _rounded(value) for name, value in values.items()})
+    scaled = _with(base, {name: _rounded(value) for name, value in values.items()})
     _check_body(scaled)
     loading = blade_loading(scaled)
     if loading > STALL_BLADE_LOADING:
@@ -239,6 +239,10 @@ def new_aircraft(given: Given, source: str | None = None, rule: Rule = Rule.MACH
     return NewAircraft(
         scaled, source, rule, tuple(keys), length, mass, time, loading, tip_mps, *pitch
     )
+
+
+def _with(aircraft: HelicopterParameters, numbers: Mapping[str, Any]) -> HelicopterParameters:
+    return replace(aircraft, **numbers)
 
 
 def _check(given: Given) -> None:
@@ -399,9 +403,9 @@ def sensitivities(aircraft: HelicopterParameters, share: float = 0.1) -> list[tu
         if item.metadata["key"].startswith("environment.") or not isinstance(value, float):
             continue
         try:
-            changed = rows(replace(aircraft, **{item.name: value * (1.0 + share)}))
+            changed = rows(_with(aircraft, {item.name: value * (1.0 + share)}))
         except AircraftError:  # at the end of what is allowed: the other way
-            changed = rows(replace(aircraft, **{item.name: value * (1.0 - share)}))
+            changed = rows(_with(aircraft, {item.name: value * (1.0 - share)}))
         change = np.linalg.norm(changed - nominal, axis=1) / np.where(size > 0.0, size, 1.0)
         found.append((item.metadata["key"], float(change.max())))
     return sorted(found, key=lambda pair: -pair[1])

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("pymavlink")
 from pymavlink.dialects.v20 import common as c  # noqa: E402
 
+from heli_flight.layers import ONE_PROCESS  # noqa: E402
 from heli_flight.mavlink.link import MOST_BYTES, Dropped, Link  # noqa: E402
 from heli_flight.mavlink.names import OUTER_LOOP, VehicleMode, parameters  # noqa: E402
 from heli_flight.mavlink.server import (  # noqa: E402
@@ -21,7 +22,6 @@ from heli_flight.mavlink.server import (  # noqa: E402
     opened,
 )
 from heli_flight.mavlink.vehicle import MavlinkVehicle  # noqa: E402
-from heli_flight.settings import ONE_PROCESS  # noqa: E402
 from heli_flight.stepping import SteppedFlight  # noqa: E402
 
 NAN = math.nan

@@ -28,7 +28,7 @@ from heli_inner_hinf.fixed_structure import (
     output_feedback,
 )
 from heli_inner_hinf.loops import pid_as_output_law
-from heli_inner_hinf.synthesis import N_U
+from heli_inner_hinf.regular_form import N_U
 from heli_inner_hinf.tuning import CostScales, SampledAircraft, Surroundings, shaped_noise
 
 _COMMANDS = [INPUTS.index(name) for name in ("phi_ref", "theta_ref")]

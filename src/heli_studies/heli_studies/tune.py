@@ -53,7 +53,7 @@ from heli_inner_hinf.fixed_structure import (
 )
 from heli_inner_hinf.fixed_structure import tune as tune_problem
 from heli_inner_hinf.loops import Model
-from heli_inner_hinf.synthesis import N_H, N_U, N_X
+from heli_inner_hinf.regular_form import N_H, N_U, N_X
 from heli_inner_hinf.tuning import CostScales, SampledAircraft, Surroundings, gains_of, tune_pid
 from heli_studies.robust import with_values
 

@@ -74,9 +74,9 @@ def mavlink(
     if autopilot not in _AUTOPILOTS:
         known = ", ".join(_AUTOPILOTS)
         raise ParameterError(f"--autopilot {autopilot}: unknown; known: {known}")
+    from heli_flight.layers import ONE_PROCESS
     from heli_flight.mavlink.link import common
     from heli_flight.mavlink.server import MavlinkOrder, flight_order, fly
-    from heli_flight.settings import ONE_PROCESS
     from heli_flight.terminal import console
 
     kinds = (common.MAV_AUTOPILOT_GENERIC, common.MAV_AUTOPILOT_PX4)

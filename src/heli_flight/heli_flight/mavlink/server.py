@@ -21,9 +21,10 @@ from heli_core.rows import NAV
 from heli_core.ticks import NS_PER_S
 from heli_flight import interrupts
 from heli_flight.fly import FlightOrder, tell_if_it_compiles
+from heli_flight.layers import section_of
 from heli_flight.mavlink.link import MOST_BYTES, Dropped, Link
 from heli_flight.mavlink.vehicle import MavlinkVehicle
-from heli_flight.settings import Settings, section_of
+from heli_flight.settings import Settings
 from heli_flight.stepping import SteppedFlight, step
 
 HOST = "127.0.0.1"
