@@ -130,7 +130,7 @@ def paper_trim(results: Results) -> str:
         f"{grid(['solved for it', 'HeLion', 'paper_trim'], numbers)}\n\n"
         f"{grid(head, flights)}\n\n"
         f"Trim: no entry is further off than {furthest:.1g}. Hover test, default laws designed for "
-        f"it, largest by the navigation record in the scored windows (the paper's), "
+        f"it, largest by the state estimate in the scored windows (the paper's), "
         f"{results.seeds('paper_trim')}. {world({'hover test': record['conditions']})}"
     )
 

@@ -41,7 +41,7 @@ def published_plants(results: Results) -> str:
     return (
         f"{grid(head, body)}\n\nHover test with RTK, {results.seeds('published_plants')}. Inside: "
         "within the paper's figures in the scored windows, exit code 0. Largest "
-        "errors of a flight by truth less the receiver's drift, from 5 s to the end, the climb "
+        "drift-corrected errors of a flight, from 5 s to the end, the climb "
         "against its reference: median / worst of the flights that were not lost."
     )
 

@@ -34,7 +34,7 @@ def complete(line):
     [
         ("heli ca", ["campaign"]),
         ("heli campaign re", ["report"]),
-        ("heli compare ", ["attitude", "robustness", "controller", "worlds", "laws"]),
+        ("heli compare ", ["attitude", "robustness", "controller", "aircraft", "worlds", "laws"]),
         ("heli hover --scenario ", scenario_names()),
         ("heli hover --gps ", list(GPS_PRESETS)),
         ("heli hover --control-preset pap", ["paper"]),

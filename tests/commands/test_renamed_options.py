@@ -141,4 +141,7 @@ def test_help_shows_the_new_names_alone(capsys):
 def test_aircraft_means_an_aircraft():
     """By name or file, wherever a command has the option."""
     having = {" ".join(path) for path, command in ALL if "--aircraft" in options(command)}
-    assert having == {"heli ardupilot", "heli design", "heli identify"}
+    assert having == {
+        "heli ardupilot", "heli compare aircraft", "heli design", "heli identify", "heli mavlink",
+        "heli tune",
+    }  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 from typer.main import get_command
 
 from heli_core.command_line import config_folder
+from heli_dynamics_sim.linear_aircraft import linear_models
 from heli_flight.cli import app, listing
 from heli_flight.layers import scenario_names
 from heli_flight.settings import resolve
@@ -22,7 +23,7 @@ from heli_inner_hinf.controller_state import CONTROLLERS
         ("presets", LAWS.names()),
         ("controllers", list(CONTROLLERS)),
         ("aircraft", sorted(p.stem for p in (config_folder("heli_dynamics_sim") / "aircraft")
-                            .glob("*.yaml"))),
+                            .glob("*.yaml")) + linear_models()),
     ],
 )  # fmt: skip
 def test_everything_packaged_has_a_line(kind, names, capsys):

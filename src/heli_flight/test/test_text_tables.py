@@ -111,9 +111,9 @@ def test_a_mark_in_the_flights_table_is_explained(width, gps):
     assert words.count("! ") > words.count("m !")
     if gps == "standalone":
         assert "inside" in words and "OUTSIDE" not in words
-        assert "record decides" in words
+        assert "estimate decides" in words
     else:
-        assert "OUTSIDE" in words and "truth decide." in words
+        assert "OUTSIDE" in words and "truth decide" in words
 
 
 def test_without_a_mark_there_is_nothing_to_explain():

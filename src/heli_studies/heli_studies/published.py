@@ -114,7 +114,7 @@ def settings_of(aircraft: str, law: str, world: str) -> Settings:
 
 
 def flown(aircraft: str, law: str, world: str, seed: int) -> dict[str, Any]:
-    """Figures of a flight: largest errors by truth less the receiver's drift, from 5 s to its end.
+    """Figures of a flight: largest drift-corrected errors from 5 s to its end.
 
     `lost` is the sentence of one that was lost, and nothing else of it counts.
     """

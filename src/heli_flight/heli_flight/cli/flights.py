@@ -296,7 +296,10 @@ def replay(
     from heli_flight.replay import replay_of, serve
     from heli_flight.report.write import BagChoice
     from heli_flight.terminal import amount
+    from heli_live_view.access import listen
 
+    # A port that is taken is refused before the flight is read, which takes seconds.
+    listen(port, "", "--port").close()
     choice = BagChoice(scenario, gps, None, params or [], which)
     with amount("replay") as progress:
         shown, beside = replay_of(flight, choice, progress)

@@ -67,7 +67,7 @@ def mavlink(
         typer.Option(min=0.0, metavar="S", help="flight time after which it ends (default: never)"),
     ] = None,
 ) -> int:
-    """Be a MAVLink vehicle: QGroundControl, MAVProxy, MAVSDK see and fly the helicopter."""
+    """Be a MAVLink vehicle: ground stations and MAVSDK see and fly the helicopter."""
     from heli_core.errors import ParameterError
     from heli_flight.fleet import design_file
 

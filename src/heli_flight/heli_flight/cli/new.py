@@ -10,9 +10,7 @@ import typer
 from heli_flight.cli.common import Json, aircraft
 
 NEW_EPILOG = (
-    "\b\nexample:\n  heli new aircraft --mass 5 --rotor-diameter 1.4 --out my_aircraft.yaml\n"
-    "  heli design --aircraft my_aircraft.yaml --out my_design\n"
-    "  heli hover --params my_design/design.yaml\n\n"
+    "\b\nexample:\n  heli new aircraft --mass 5 --rotor-diameter 1.4 --out my_aircraft.yaml\n\n"
     "exit code: 0 written, 2 bad input (one line)"
 )
 _SHOWN = 12
