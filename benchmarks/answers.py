@@ -132,7 +132,7 @@ def measure(seconds: float, realtime: bool, cold: bool, busy: int) -> dict[str, 
         command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report"]
         command += ["--world", "paper", "--seed", "1", "--duration", str(seconds)]
         command += ["--out", f"{folder}/flight", *(["--realtime"] if realtime else [])]
-        env = dict(os.environ) | ({"XDG_CACHE_HOME": f"{folder}/cache"} if cold else {})
+        env = dict(os.environ) | ({"HELI_KERNEL_CACHE": f"{folder}/cache"} if cold else {})
         bare.start()
         if not ready.wait(_LIMIT_S):
             raise SystemExit("answers: the bare node did not start")

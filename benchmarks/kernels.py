@@ -52,7 +52,7 @@ def measure(quick: bool) -> dict[str, dict[str, float]]:
 def of_checkout(top: Path, quick: bool) -> dict[str, dict[str, float]]:
     """The same in a process of a checkout's environment, from an empty cache."""
     with tempfile.TemporaryDirectory(prefix="heli_kernels_") as cache:
-        env = {**os.environ, "XDG_CACHE_HOME": cache}
+        env = {**os.environ, "HELI_KERNEL_CACHE": cache, "XDG_CACHE_HOME": cache}
         command = [str(top / "heli"), "python", str(Path(__file__).resolve()), "--inside"]
         command += ["--quick"] if quick else []
         done = subprocess.run(command, env=env, check=True, stdout=subprocess.PIPE, text=True)

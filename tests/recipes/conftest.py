@@ -52,7 +52,7 @@ class Copy:
         numba keeps the kernels of a folder of sources in one that is named after its path.
         """
         cache = self.prefix / "cache"
-        self.variables["XDG_CACHE_HOME"] = str(cache)
+        self.variables["HELI_KERNEL_CACHE"] = str(cache)
         named = _CacheLocator.get_suitable_cache_subpath
         modules = [file.relative_to(ROOT) for file in ROOT.glob("src/*/heli*/**/*.py")]
         theirs = {named(str(ROOT / file)): named(str(self.top / file)) for file in modules}

@@ -135,23 +135,45 @@ def source_digest(module: str, path: Path) -> str:
     return digest.hexdigest()[:16]
 
 
+KERNEL_CACHE = "HELI_KERNEL_CACHE"
+"""Names the folder for compiled kernels, where the user wants another one (environment)."""
+
+
+def _cache_places() -> Iterator[Path]:
+    """Folders that may hold the cache, the best first.
+
+    The one that the user names; that of the virtual environment that runs this, which holds the
+    code that is run anyway, so that a new HOME compiles nothing anew; the user's own. A relative
+    path is ignored (XDG Base Directory Specification).
+    """
+    if named := os.environ.get(KERNEL_CACHE):
+        yield Path(named)
+    if sys.prefix != sys.base_prefix:
+        yield Path(sys.prefix) / "var" / "cache"
+    for variable, below in (("XDG_CACHE_HOME", ""), ("HOME", ".cache")):
+        folder = Path(os.environ.get(variable, ""))
+        if folder.is_absolute():
+            yield folder / below
+
+
 @cache
 def cache_root() -> Path:
-    """First writable one of the user's cache folder and the system's temporary folder.
+    """Folder of compiled kernels: the first usable place, else the system's temporary folder.
 
     What lies there is run: a folder that is not this user's own, or that others may replace, is not
     taken.
     """
-    try:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        base.mkdir(parents=True, exist_ok=True)
-        root = base / "heli_hover" / "kernels"
-        usable = not others_may_replace(base)
-        usable = usable and make_private(root.parent) and make_private(root)
-        usable = usable and os.access(root, os.W_OK)
-    except (OSError, RuntimeError):  # read-only, or no home at all
-        usable = False
-    return root if usable else temporary_folder("kernels")
+    for place in _cache_places():
+        root = place / "heli_hover" / "kernels"
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            usable = not others_may_replace(place)
+            usable = usable and make_private(root.parent) and make_private(root)
+        except OSError:  # read-only, a file, full
+            continue
+        if usable and os.access(root, os.W_OK):
+            return root
+    return temporary_folder("kernels")
 
 
 def _prune(root: Path) -> None:

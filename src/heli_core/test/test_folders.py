@@ -13,6 +13,7 @@ import pytest
 from heli_core import folders
 
 CODE = "from heli_core.jit import cache_root; print(cache_root())"
+NO_ENVIRONMENT = "import sys; sys.prefix = sys.base_prefix; "
 
 
 @pytest.fixture
@@ -80,9 +81,14 @@ def test_kernels_are_not_read_from_a_folder_behind_a_link(tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     (tmp_path / f"heli_hover-{os.getuid()}").symlink_to(elsewhere)
-    env = {**os.environ, "TMPDIR": str(tmp_path), "HOME": "/proc/nowhere", "XDG_CACHE_HOME": ""}
+    env = {**os.environ, "TMPDIR": str(tmp_path), "HOME": "/proc/nowhere"}
+    env |= {"XDG_CACHE_HOME": "", "HELI_KERNEL_CACHE": ""}
     done = subprocess.run(
-        [sys.executable, "-c", CODE], env=env, capture_output=True, text=True, check=True
+        [sys.executable, "-c", NO_ENVIRONMENT + CODE],
+        env=env,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     root = Path(done.stdout.strip())
     assert root.parent.parent == tmp_path and elsewhere not in root.resolve().parents
@@ -90,12 +96,17 @@ def test_kernels_are_not_read_from_a_folder_behind_a_link(tmp_path):
 
 
 def test_a_cache_that_others_made_is_not_read(tmp_path):
-    """A cache folder of the user's own choice, in which somebody else was first."""
+    """A cache folder of the user's own choice, in which another was first: the next serves."""
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "heli_hover").symlink_to(tmp_path / "elsewhere")
-    env = {**os.environ, "TMPDIR": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    env = {**os.environ, "TMPDIR": str(tmp_path), "HELI_KERNEL_CACHE": str(tmp_path)}
+    env |= {"HOME": "", "XDG_CACHE_HOME": ""}
     done = subprocess.run(
-        [sys.executable, "-c", CODE], env=env, capture_output=True, text=True, check=True
+        [sys.executable, "-c", NO_ENVIRONMENT + CODE],
+        env=env,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stdout.startswith(str(tmp_path / f"heli_hover-{os.getuid()}"))
 
@@ -108,10 +119,15 @@ def test_a_cache_in_a_folder_that_others_may_write_to_is_not_read(tmp_path):
         for folder in (shared, shared / "cache"):
             folder.chmod(rights)
             env = {
-                **os.environ, "TMPDIR": str(tmp_path), "XDG_CACHE_HOME": str(shared / "cache"),
+                **os.environ, "TMPDIR": str(tmp_path), "HELI_KERNEL_CACHE": str(shared / "cache"),
+                "HOME": "", "XDG_CACHE_HOME": "",
             }  # fmt: skip
             done = subprocess.run(
-                [sys.executable, "-c", CODE], env=env, capture_output=True, text=True, check=True
+                [sys.executable, "-c", NO_ENVIRONMENT + CODE],
+                env=env,
+                capture_output=True,
+                text=True,
+                check=True,
             )
             assert done.stdout.startswith(str(shared if used else place)), oct(rights)
             folder.chmod(0o755)

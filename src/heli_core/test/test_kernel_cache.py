@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from heli_core import jit
+from heli_core import folders, jit
 
 KERNEL = """from heli_core.jit import njit
 from {constants} import FACTOR
@@ -38,7 +38,7 @@ def call(tree, module="probe_pkg.deep.kernel", name="scaled"):
     code = (
         f"from {module} import {name} as f\ny = f(3.0)\nprint(y, sum(f.stats.cache_hits.values()))"
     )
-    env = {**os.environ, "PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tree / "cache")}
+    env = {**os.environ, "PYTHONPATH": str(tree), jit.KERNEL_CACHE: str(tree / "cache")}
     env.pop("NUMBA_CACHE_DIR", None)
     # Python itself takes a change within a second, of the same length, for none.
     env["PYTHONDONTWRITEBYTECODE"] = "1"
@@ -62,7 +62,7 @@ def test_whether_it_is_compiled_is_a_question_of_this_source_file(tree, tmp_path
             "from heli_core.jit import is_compiled; from probe_pkg.deep.kernel import scaled; "
             "print(is_compiled(scaled))"
         )
-        env = {**os.environ, "PYTHONPATH": str(top), "XDG_CACHE_HOME": str(tree / "cache")}
+        env = {**os.environ, "PYTHONPATH": str(top), jit.KERNEL_CACHE: str(tree / "cache")}
         env.pop("NUMBA_CACHE_DIR", None)
         done = subprocess.run(
             [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
@@ -126,15 +126,61 @@ def test_third_party_imports_are_not_followed(tree):
     assert set(jit._sources("probe_pkg.user", path)) == {"probe_pkg.user"}
 
 
-@pytest.mark.parametrize("home", ["missing", "read-only"])
-def test_without_a_usable_home_the_temporary_folder_serves(tmp_path, home):
-    env = {**os.environ, "TMPDIR": str(tmp_path), "HOME": "/proc/nowhere"}
-    env.pop("XDG_CACHE_HOME", None)
-    if home == "missing":
-        env["HOME"] = ""
-        env["XDG_CACHE_HOME"] = "/proc/nowhere"
-    code = "from heli_core.jit import cache_root; print(cache_root())"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith(str(tmp_path))
+@pytest.fixture
+def places(tmp_path, monkeypatch):
+    """An environment (its `environment`), and a home that can be written to (its `home`)."""
+    for name in ("environment", "home", "temporary"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(jit.sys, "prefix", str(tmp_path / "environment"))
+    monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    for name in ("XDG_CACHE_HOME", jit.KERNEL_CACHE):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path
+
+
+def chosen(places):
+    """The part of the cache's path that tells whose it is."""
+    return jit.cache_root.__wrapped__().relative_to(places).parts[0]
+
+
+HOMES = ["", "nowhere/at all", "/dev/null", "/proc", "/proc/nowhere", "a\nline", None]
+
+
+@pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME"])
+@pytest.mark.parametrize("value", HOMES)
+def test_an_environment_keeps_its_kernels_whatever_home_is(places, monkeypatch, variable, value):
+    if value is None:
+        monkeypatch.delenv(variable, raising=False)
+    else:
+        monkeypatch.setenv(variable, value)
+    assert chosen(places) == "environment"
+
+
+@pytest.mark.parametrize(
+    "value", ["", "nowhere/at all", "/dev/null", "/proc", "/proc/nowhere", None]
+)
+def test_without_an_environment_or_a_usable_home_the_temporary_folder_serves(
+    places, monkeypatch, value
+):
+    monkeypatch.setattr(jit.sys, "prefix", jit.sys.base_prefix)
+    assert chosen(places) == "home"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(places / "home of xdg"))
+    assert chosen(places) == "home of xdg"
+    for variable in ("HOME", "XDG_CACHE_HOME"):
+        if value is None:
+            monkeypatch.delenv(variable, raising=False)
+        else:
+            monkeypatch.setenv(variable, value)
+    assert chosen(places) == "temporary"
+
+
+@pytest.mark.parametrize(("named", "used"), [("named", "named"), ("/dev/null", "environment")])
+def test_the_user_names_another_folder(places, monkeypatch, named, used):
+    monkeypatch.setenv(jit.KERNEL_CACHE, str(places / named))
+    assert chosen(places) == used
+
+
+def test_an_environment_of_somebody_else_is_left_alone(places, monkeypatch):
+    monkeypatch.setattr(jit.sys, "prefix", "/proc")
+    assert chosen(places) == "home"

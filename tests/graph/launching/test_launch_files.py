@@ -288,7 +288,7 @@ def test_the_graph_of_the_launch_file_flies(fly_launched, tmp_path):
 @pytest.mark.timeout(900)
 def test_the_first_launch_compiles_and_flies(fly_launched, tmp_path):
     """As after `colcon build`: no kernel is in the cache; who is ready waits for who is not."""
-    cold = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_NUM_THREADS": "1"}
+    cold = {"HELI_KERNEL_CACHE": str(tmp_path / "cache"), "NUMBA_NUM_THREADS": "1"}
     plant, printed = fly_launched("record:=false", limit_s=800, env=cold)
     assert plant.returncode == 0, printed
     assert "waiting for" in printed
