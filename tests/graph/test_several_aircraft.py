@@ -23,6 +23,7 @@ from heli_msgs_bridge import topics
 LENGTH_S = 3.0
 
 
+@pytest.mark.slow
 def test_two_aircraft(hover_test, tmp_path):
     out = tmp_path / "flight"
     done = hover_test("--vehicles", 2, "--seed", 5, "--duration", LENGTH_S, "--out", out)

@@ -2,6 +2,7 @@
 """One framework for commands, one progress bar: what would be a second one is not imported."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,13 @@ def sources(*patterns):
             yield "/".join(inside[2:] if inside[0] == "src" else inside), path
 
 
+@cache
+def imported_by_file():
+    """Names of the packages' files, and the full names that each imports."""
+    files = sources("src/*/heli*/**/*.py", "src/*/launch/*.py")
+    return {name: set(imported(path.read_text(encoding="utf-8"))) for name, path in files}
+
+
 def imported(text):
     """Full names that a source imports."""
     for node in ast.walk(ast.parse(text)):
@@ -43,14 +51,11 @@ def imported(text):
 
 @pytest.mark.parametrize("module", ONLY_IN)
 def test_a_second_one_is_not_imported(module):
-    files = list(sources("src/*/heli*/**/*.py", "src/*/launch/*.py"))
+    files = imported_by_file()
     users = {
-        name
-        for name, path in files
-        if any(
-            name == module or name.startswith(f"{module}.")
-            for name in imported(path.read_text(encoding="utf-8"))
-        )
+        file
+        for file, names in files.items()
+        if any(name == module or name.startswith(f"{module}.") for name in names)
     }
     assert len(files) > 150
     assert {name for name in users if not name.startswith(ONLY_IN[module])} == set()

@@ -146,6 +146,7 @@ def unused_in_the_product():
     return unused([*modules().values(), *started()], public_names())
 
 
+@pytest.mark.slow
 def test_no_name_is_for_tests_only():
     """Functions, methods, attributes, fields and constants that only tests use go, too."""
     lines = [line for line in unused_in_the_product() if line.rsplit(" ", 1)[1] not in KNOWN]

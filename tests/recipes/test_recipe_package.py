@@ -57,6 +57,7 @@ def test_a_new_package_is_found_installed_and_compiled(copy):
     assert copy.run("-c", code).stdout.strip() == "2.0"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("forgotten", "test_file"),
     [({"data_files": False}, "test_packaging_layout.py"),

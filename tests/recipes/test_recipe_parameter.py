@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """CONTRIBUTING, "To add a parameter": a row, a value with a comment; it is checked everywhere."""
 
+import pytest
+
 TABLE = "src/heli_dynamics_sim/heli_dynamics_sim/parameters.py"
 VALUES = "src/heli_dynamics_sim/config/plant.yaml"
 ROW = '    Parameter("fuel_kg", "double", "Fuel on board", "kg", lower=0.0, upper=2.0),\n'
@@ -32,12 +34,14 @@ def test_a_new_parameter_is_declared_bounded_and_suggested(copy):
     assert "fuel_kg" in start_plant(copy, "-p", "feul_kg:=1.0", code=2)
 
 
+@pytest.mark.slow
 def test_a_row_without_value_is_told(copy):
     add_row(copy)
     assert "fuel_kg" in start_plant(copy, code=2)
     assert "fuel_kg" in copy.packaging("test_packaging_files.py", "-k", "plant", code=1).stdout
 
 
+@pytest.mark.slow
 def test_a_value_without_comment_is_told(copy):
     add_row(copy)
     copy.replace(VALUES, "    # Length of the flight, s.\n", "\n    fuel_kg: 0.5\n\n")

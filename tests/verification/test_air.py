@@ -143,6 +143,7 @@ def test_velocity_spectra_of_both_standards_agree_below_1000_ft():
         assert one == pytest.approx(other, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", LENGTHS)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_rotational_gusts_have_the_spectra_of_the_standard(air, seconds, axis):

@@ -43,6 +43,7 @@ def test_to_hover_in_a_headwind_is_to_fly_through_still_air(settings):
     np.testing.assert_allclose(rates[PLANT.rate], 0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_nose_goes_down_with_speed_and_the_disc_is_held_against_its_flap_back(schedule):
     ahead = [p for p in schedule.points if p.point.right_mps == 0.0]
     slow, fast = ahead[0], ahead[-1]

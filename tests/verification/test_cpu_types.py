@@ -42,6 +42,7 @@ def sweep_of(folder, *names):
     return run(SWEEP, *only, folder / "test_dependent.py", "--json")
 
 
+@pytest.mark.slow
 def test_a_test_that_depends_on_the_processor_is_named(tmp_path):
     done = sweep_of(tmp_path, "native", "Nehalem")
     assert done.returncode == 1, done.stdout + done.stderr

@@ -59,6 +59,7 @@ def test_nees_and_nis_are_inside_chi_square_bounds_50_seeds(overlay, world):
     judge(collect(packaged(overlay) | world, range(100, 150)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

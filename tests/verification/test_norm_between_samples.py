@@ -14,6 +14,7 @@ def tight():
     return make_design([LAWS.file("hinf")], gamma_factor=1.01)
 
 
+@pytest.mark.slow
 def test_the_flown_norm_is_enclosed_and_near_that_of_the_samples(tight):
     """Wind and h are slow against 100 Hz, so the two differ by less than a percent."""
     norm, sampled = tight.between_samples, tight.reports[-1]

@@ -190,6 +190,7 @@ def test_jumps_that_end_are_rare_events_with_a_rate_and_a_length(plant_config):
     assert abs(sizes.std() / 0.1 - 1.0) < SIGMAS / np.sqrt(2.0 * sizes.size)
 
 
+@pytest.mark.slow
 def test_a_flight_begins_with_a_wrong_fix_as_often_as_one_is_there(plant_config):
     """800 flights with a share of a sixth; without an end each begins with one."""
     ending = {"sensors__gps__jump__sigma_m": 0.1, "sensors__gps__jump__interval_s": 40.0,

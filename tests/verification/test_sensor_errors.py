@@ -240,6 +240,7 @@ def test_jitter_of_magnetometer_barometer_and_receiver(plant_config, record):
 # --- magnetometer and barometer ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_iron_of_the_flight(plant_config):
     """Over 300 flights: sigmas of offset and distortion, which is symmetric."""
     config = plant_config(sensors__mag__hard_iron_sigma_t=1e-6, sensors__mag__soft_iron_sigma=0.02)

@@ -90,6 +90,7 @@ def test_what_cannot_be_compared_is_one_sentence(flights, tmp_path):
         diff.metrics.of("sky")
 
 
+@pytest.mark.slow
 def test_an_identification_has_matrices_responses_and_a_design(identified_once):
     outcome, _ = identified_once
     identified = Identified(outcome)

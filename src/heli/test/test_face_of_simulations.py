@@ -69,6 +69,7 @@ faults:
 """
 
 
+@pytest.mark.slow
 def test_links_with_faults_are_those_of_fly_and_are_saved_too(tmp_path):
     (tmp_path / "links.yaml").write_text(LINKS)
     arguments = {"world": "paper", "seed": 2, "quiet": True, "faults": tmp_path / "links.yaml"}
