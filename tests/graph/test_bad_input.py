@@ -165,3 +165,27 @@ def test_a_flight_needs_no_home(hover_test, tmp_path, ros_env, home):
     done = hover_test("--duration", "1", "--out", tmp_path / "f", env=env)
     assert (done.returncode, done.stderr) == (0, "")
     assert [path.name for path in tmp_path.glob("heli_hover-*/*")] == ["ros_log"]
+
+
+FOLDERS = (
+    "HOME", "TMPDIR", "MPLCONFIGDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME",
+    "XDG_STATE_HOME", "XDG_RUNTIME_DIR",
+)  # fmt: skip
+"""Variables that name a folder which a flight can do without."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", ["", "nowhere/at all", "/dev/null", "/proc", "/a\nline"])
+def test_a_flight_needs_none_of_the_users_folders(hover_test, tmp_path, folder):
+    env = dict.fromkeys(FOLDERS, folder)
+    done = hover_test("--duration", "1", "--no-report", "--out", tmp_path / "f", env=env)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variable", ["ROS_HOME", "ROS_LOG_DIR"])
+def test_a_log_folder_of_ros_that_cannot_be_is_refused(hover_test, tmp_path, variable):
+    """The user named it, and would look for the log there."""
+    done = hover_test("--out", tmp_path / "f", env={variable: "/dev/null"})
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "/dev/null" in done.stderr and not (tmp_path / "f").exists()
