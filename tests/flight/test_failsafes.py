@@ -4,6 +4,8 @@
 Hover at 10 m in the paper's wind; the fault begins at 12 s.
 """
 
+import math
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,23 @@ def test_it_is_found_in_time_and_named(condition, faults, observer_status, seed)
     assert flown.observer_status is observer_status
     assert observer_status.name in of(condition).status
     assert flown.off_m() < 5.0
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_compass_wrong_from_the_start_is_told_by_motion(seed):
+    """Built in wrong by 30 deg: the figure of eight tells the heading, and is flown with it."""
+    c, s = math.cos(math.pi / 6.0), math.sin(math.pi / 6.0)
+    over = {"plant": {"sensors.mag.soft_iron": [c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0]}}
+    settings = resolve("figure_eight", "rtk", seed, 45.0, world="honest", overrides=over)
+    loop = closed_loop.build(settings)
+    flight = closed_loop.fly_loop(loop, settings)
+    row, said = of(Condition.MAG_ASKEW), ObserverStatus(status(loop.observer_s, loop.observer_k))
+    assert said is ObserverStatus.MAG_LEFT and said.name in row.status
+    turn = flight.record.nav_q_nb[:, [0, 3]]
+    true = flight.record.truth_q_nb[:, [0, 3]]
+    off_deg = np.degrees(2.0 * (np.arctan2(*turn.T[::-1]) - np.arctan2(*true.T[::-1])))
+    off_deg = np.abs((off_deg + 180.0) % 360.0 - 180.0)
+    assert off_deg[0:100].min() > 15.0 and off_deg[round(100 * row.within_s) :].max() < 10.0
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))

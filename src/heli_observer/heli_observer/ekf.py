@@ -517,7 +517,7 @@ def heading_from_mag(phi, theta, mag_body, field_ned):
 
 
 @njit
-def _start_covariance(P, q, age_s, k):
+def start_covariance(P, q, age_s, k):
     """Covariance of a fresh alignment into P (20, 20); see the head of this file."""
     fill_matrix(P, 0.0)
     R = scratch_matrix(3, 3)
@@ -606,7 +606,7 @@ def align(state, tick, horizon_ticks, k):
         x[NOMINAL.pos + i] = pos[i] - age_s * vel[i]
     psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
     fill_from_euler(phi, theta, psi, x[NOMINAL.quat : NOMINAL.quat + 4])
-    _start_covariance(state.P, x[NOMINAL.quat : NOMINAL.quat + 4], age_s, k)
+    start_covariance(state.P, x[NOMINAL.quat : NOMINAL.quat + 4], age_s, k)
     fill_matrix(state.dx, 0.0)
     # used up: they must not be fused a second time
     aid[fix_tick % size, AID.gps_valid] = 0.0

@@ -192,7 +192,45 @@ class PairRow(NamedTuple):
     size: int = 11
 
 
+class YawRow(NamedTuple):
+    """Numbers (14,) of a `YawBank`: what was summed up since the last fix, and what it says."""
+
+    dv: int = 0  # along both axes of the level frame, m/s
+    time: int = 2  # s
+    turn: int = 3  # rad, every way
+    var_vel: int = 4  # of samples that no sensor said, (m/s)^2
+    var_yaw: int = 5  # rad^2
+    heading: int = 6  # of the mixture, rad
+    variance: int = 7  # rad^2
+    difference: int = 8  # of it and of the filter's heading, rad
+    vel: int = 9  # north, east, m/s
+    bias: int = 11  # acceleration that stays, along both axes of the level frame, m/s2
+    mag_error: int = 13  # heading of the compass less that of the bank when they parted, rad
+    size: int = 14
+
+
+class YawCountRow(NamedTuple):
+    """Integers (6,) of a `YawBank`."""
+
+    begun: int = 0  # 1 once a fix's velocity has come
+    refused: int = 1  # fixes in a row that surprised every hypothesis
+    state: int = 2  # a YawState
+    since: int = 3  # tick since which it disagrees, NO_TICK: it does not
+    left: int = 4  # 1 while the compass is not followed
+    resets: int = 5  # how often the filter's heading became the bank's
+    size: int = 6
+
+
+class YawState(IntEnum):
+    """What motion, by fixes and inertial sensors, says of the filter's heading."""
+
+    NOT_OBSERVABLE = 0
+    AGREES = 1
+    DISAGREES = 2
+
+
 NOMINAL, ERROR = NominalRow(), ErrorRow()
+YAW, YAW_COUNT = YawRow(), YawCountRow()
 AID, RING, HEARD = AidRow(), RingRow(), HeardRow()
 COUNT, DIAG, PAIR = CountRow(), DiagRow(), PairRow()
 OUTPUT, ROTOR_W = OutputRow(), RotorStateRow()
@@ -277,11 +315,13 @@ class ObserverStatus(IntEnum):
     IMU_FROZEN = 11
     IMU_LEFT = 12
     IMUS_DISAGREE = 13
+    MAG_LEFT = 14
+    HEADING_DISAGREES = 15
     _ignore_ = ["members", "row"]
     members = vars()
     for row in _MORE:
-        members[f"{row.name.upper()}_TIMEOUT"] = 14 + 2 * _MORE.index(row)
-        members[f"{row.name.upper()}_REJECTED"] = 15 + 2 * _MORE.index(row)
+        members[f"{row.name.upper()}_TIMEOUT"] = 16 + 2 * _MORE.index(row)
+        members[f"{row.name.upper()}_REJECTED"] = 17 + 2 * _MORE.index(row)
 
     @property
     def sentence(self) -> str:
@@ -308,6 +348,11 @@ _SENTENCES = {
     ObserverStatus.IMU_LEFT: "one of two IMUs is not followed; the other one is flown alone",
     ObserverStatus.IMUS_DISAGREE: "two IMUs disagree; their mean is flown until the fixes or the "
     "compass tell which one is wrong",
+}
+_SENTENCES |= {
+    ObserverStatus.MAG_LEFT: "magnetometer contradicts the motion that fixes and IMU see, not "
+    "followed; heading comes from that motion",
+    ObserverStatus.HEADING_DISAGREES: "heading contradicts the motion that fixes and IMU see",
 }
 for _row in _MORE:
     _name = _row.name.upper()
@@ -363,6 +408,27 @@ class PairParams(NamedTuple):
 
 
 @by_reference
+class YawBank(NamedTuple):
+    """What motion says of the heading (`yaw_bank`)."""
+
+    quat: NDArray[np.float64]  # (4,) attitude with a free azimuth
+    x: NDArray[np.float64]  # (hypotheses, 5) velocity N, E, yaw, acceleration that stays
+    P: NDArray[np.float64]  # (hypotheses, 5, 5)
+    weight: NDArray[np.float64]  # (hypotheses,) sum 1
+    now: NDArray[np.float64]  # (14,) places of `YAW`
+    count: NDArray[np.int64]  # type: ignore[assignment]  # (6,) places of `YAW_COUNT`
+
+
+@by_reference
+class YawParams(NamedTuple):
+    """When motion is believed against the filter's heading."""
+
+    difference_rad: float
+    sigma_rad: float
+    hold_ticks: int
+
+
+@by_reference
 class ObserverState(NamedTuple):
     """All memory of the observer, mutated in place (arrays of float64, `count` int64).
 
@@ -399,6 +465,8 @@ class ObserverState(NamedTuple):
         What was taken lately, to be taken again.
     pair : ImuPair
         What is remembered of two IMUs.
+    yaw : YawBank
+        What motion says of the heading.
     """
 
     nominal: NDArray[np.float64]
@@ -416,6 +484,7 @@ class ObserverState(NamedTuple):
     count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nobody needs
     window: "Window"
     pair: "ImuPair"
+    yaw: "YawBank"
 
 
 @by_reference
@@ -472,6 +541,7 @@ class ObserverParams(NamedTuple):
     ekf: EkfParams
     rotor: ReducedOrderParams
     pair: "PairParams"
+    yaw: "YawParams"
     horizon_ticks: int
     align_ticks: int
     max_gap_ticks: int

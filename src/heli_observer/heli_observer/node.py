@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `observer`: sensors and flown actuators to odometry and rotor state, every tick."""
 
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,15 @@ from heli_msgs_bridge.messages import FrameTree, encode_header, encode_transform
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_observer.dual_imu import NAMES, PAIR, WHY_WORDS
-from heli_observer.layout import COUNT, COUNTER_NAMES, ObserverState, ObserverStatus
+from heli_observer.layout import (
+    COUNT,
+    COUNTER_NAMES,
+    YAW,
+    YAW_COUNT,
+    ObserverState,
+    ObserverStatus,
+    YawState,
+)
 from heli_observer.observer import INPUTS, ObserverConfig, initial_state, status, step
 from heli_observer.parameters import NODE_NAME, TABLE
 
@@ -151,6 +160,7 @@ class ObserverNode(TickNode[Navigation, None]):
                 "refused_messages": len(core.refused),
                 **_events(core.state),
                 **_left(core.state),
+                **_motion(core.state),
             }
             aligns = named == ObserverStatus.ALIGNING
             state = NodeState.WAITING if aligns else NodeState.RUNNING
@@ -180,6 +190,24 @@ def _left(state: ObserverState) -> dict[str, str | int]:
         "imu_left_because": WHY_WORDS[count[PAIR.why]],
         "imus_left": int(count[PAIR.switches]),
     }
+
+
+def _motion(state: ObserverState) -> dict[str, str | int | float]:
+    """What motion says of the heading, and what came of it."""
+    now, count = state.yaw.now, state.yaw.count
+    told = YawState(count[YAW_COUNT.state])
+    facts: dict[str, str | int | float] = {"heading_by_motion": told.name}
+    if told != YawState.NOT_OBSERVABLE:
+        facts["heading_by_motion_less_flown_deg"] = _deg(now[YAW.difference])
+        facts["sigma_heading_by_motion_deg"] = _deg(math.sqrt(now[YAW.variance]))
+    if count[YAW_COUNT.resets]:
+        facts["heading_resets"] = int(count[YAW_COUNT.resets])
+        facts["mag_heading_error_deg"] = _deg(now[YAW.mag_error])
+    return facts
+
+
+def _deg(angle_rad: float) -> float:
+    return round(math.degrees(angle_rad), 1)
 
 
 def main(args: Sequence[str] | None = None) -> int:

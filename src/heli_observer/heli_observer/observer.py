@@ -78,6 +78,15 @@ from heli_observer.reduced_order import (
     rotor_start,
     rotor_step,
 )
+from heli_observer.yaw_bank import (
+    begin_bank,
+    carry_bank,
+    fuse_bank,
+    judge_heading,
+    new_bank,
+    take_heading,
+    take_yaw,
+)
 
 # -------------------------------------------------------------------------------------------------
 # From the observer's parameters to the constants of its compiled kernels.
@@ -143,6 +152,14 @@ def _pair_params(v: Mapping[str, Any]) -> L.PairParams:
         return np.repeat([v[f"imu2.{name}_mps2"], v[f"imu2.{name}_radps"]], 3)
 
     return L.PairParams(bool(v["imu2.enabled"]), six("offset"), six("apart"))
+
+
+def _yaw_params(v: Mapping[str, Any], rate: Rate) -> L.YawParams:
+    return L.YawParams(
+        v["ekf.motion.difference_rad"],
+        v["ekf.motion.sigma_rad"],
+        max(1, rate.ticks_in(v["ekf.motion.hold_s"])),
+    )
 
 
 @dataclass(frozen=True)
@@ -222,6 +239,7 @@ class ObserverConfig:
             ekf=_ekf_params(v, rate.tick_s),
             rotor=rotor,
             pair=_pair_params(v),
+            yaw=_yaw_params(v, rate),
             horizon_ticks=rate.of(v["ekf.horizon_ticks"]),
             align_ticks=rate.of(v["ekf.initial.align_ticks"]),
             max_gap_ticks=rate.of(v["ekf.max_gap_ticks"]),
@@ -252,6 +270,9 @@ _GPS_STUCK = int(ObserverStatus.GPS_STUCK)
 _IMU_FROZEN = int(ObserverStatus.IMU_FROZEN)
 _IMU_LEFT = int(ObserverStatus.IMU_LEFT)
 _IMUS_DISAGREE = int(ObserverStatus.IMUS_DISAGREE)
+_MAG_LEFT = int(ObserverStatus.MAG_LEFT)
+_HEADING_DISAGREES = int(ObserverStatus.HEADING_DISAGREES)
+_DISAGREES = int(L.YawState.DISAGREES)
 
 
 def initial_state(config: ObserverConfig) -> ObserverState:
@@ -279,6 +300,7 @@ def initial_state(config: ObserverConfig) -> ObserverState:
         count=count,
         window=empty_window(),
         pair=new_pair(),
+        yaw=new_bank(),
     )
 
 
@@ -363,8 +385,27 @@ def _filter_step(state, horizon, tick, k):
         predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
         if not bridged and replaced_for_long(imu, horizon):
             widen_covariance(P, k.ekf.dt_s)
-    keep_window(state, horizon, imu[horizon % size], state.aid[horizon % size])
-    return _fuse_slot(state, tick, horizon, state.aid[horizon % size], k)
+    row = state.aid[horizon % size]
+    _watch_heading(state, horizon, tick, row, k)
+    keep_window(state, horizon, imu[horizon % size], row)
+    return _fuse_slot(state, tick, horizon, row, k)
+
+
+@njit
+def _watch_heading(state, horizon, tick, row, k):
+    """Let the bank of headings see what the ring slot `row` of the horizon holds.
+
+    It changes nothing of the filter, unless their headings have disagreed for long enough.
+    """
+    imu, bank = state.imu, state.yaw
+    if horizon > state.count[L.COUNT.begun]:
+        carry_bank(state, imu[(horizon - 1) % imu.shape[0]], imu[horizon % imu.shape[0]], k.ekf)
+    if row[L.AID.gps_valid] > 0.0:
+        fuse_bank(bank, row[L.AID.gps_vel : L.AID.gps_vel + 3], k.ekf)
+        if judge_heading(state, horizon, k):
+            take_heading(state, horizon, tick, row, k)
+    if bank.count[L.YAW_COUNT.left] == 1:
+        row[L.AID.mag_valid] = 0.0
 
 
 @njit
@@ -536,6 +577,8 @@ def observe(state, tick, y, u_prev, k, out):
     if (lost or broken) and align(state, now, k.horizon_ticks, k.ekf):
         count[L.COUNT.realigned] += 1
         begin_pair(state)
+        if state.yaw.count[L.YAW_COUNT.left] == 1:
+            take_yaw(state, k.ekf)
         broken = False
     count[L.COUNT.not_finite] = broken
     if broken:
@@ -546,6 +589,7 @@ def observe(state, tick, y, u_prev, k, out):
         if not align(state, now, k.horizon_ticks, k.ekf):
             return
         begin_pair(state)
+        begin_bank(state)
     _navigation_output(state, now, k, out)
     if ticks > 0 or not started:
         _rotor_update(state, ticks, u_prev, started and is_rotor(state.rotor), k.rotor, out)
@@ -643,6 +687,10 @@ def status(state, k):
     if now - count[L.COUNT.gps_ok] > k.gps_timeout_ticks:
         silent = now - count[L.COUNT.gps_seen] > k.gps_timeout_ticks
         return _GPS_TIMEOUT if silent else _GPS_REJECTED
+    if state.yaw.count[L.YAW_COUNT.left] == 1:
+        return _MAG_LEFT
+    if state.yaw.count[L.YAW_COUNT.state] == _DISAGREES:
+        return _HEADING_DISAGREES
     for which in range(len(L.AID_PLACES)):
         at, limit = L.AID_PLACES[which], k.aid_timeout_ticks[which]
         if now - count[at.ok] > limit:

@@ -9,7 +9,7 @@ import yaml
 
 from heli_core.parameters import load
 from heli_core.rcl_yaml import ParameterError
-from heli_observer.ekf import _start_covariance
+from heli_observer.ekf import start_covariance
 from heli_observer.layout import ERROR
 from heli_observer.observer import ObserverConfig, ObserverConfigError
 from heli_observer.parameters import NODE_NAME, TABLE
@@ -117,7 +117,7 @@ def test_sigma_counts_from_the_alignment_unless_it_is_told_to_be_absolute(parame
     v = parameters | {"ekf.initial.drift_at_alignment_fraction": fraction}
     kernel = ObserverConfig(v).params.ekf
     P = np.zeros((ERROR.size, ERROR.size))
-    _start_covariance(P, np.array([1.0, 0.0, 0.0, 0.0]), 0.0, kernel)
+    start_covariance(P, np.array([1.0, 0.0, 0.0, 0.0]), 0.0, kernel)
     for i, axis in enumerate(("horizontal", "horizontal", "vertical")):
         white, drift = v[f"ekf.gps.position_{axis}_m"], v[f"ekf.gps.drift_{axis}_m"]
         assert P[ERROR.pos + i, ERROR.pos + i] == pytest.approx(white**2 + (fraction * drift) ** 2)

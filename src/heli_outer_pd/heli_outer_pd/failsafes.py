@@ -45,7 +45,7 @@ _WORDS = {
     Action.HOLD_COMMAND: "holds the last command",
     Action.TRIM: "flies the trim; the actuator side damps rates and takes turns back",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
-    Action.RELEARN: "solves tilt and biases again from the fixes of the last seconds",
+    Action.RELEARN: "solves tilt, heading and biases again from the fixes of the last seconds",
     Action.SOFT: "holds its place softly: small gains, small tilts, slack attitude",
     Action.HOVER: "comes to rest where it can, inside the fence, and hovers there",
     Action.HOLD_SETPOINT: "holds the last attitude setpoint, soon the trim attitude; no place",
@@ -71,6 +71,7 @@ class Condition(StrEnum):
     ONE_IMU_WRONG = "of two IMUs one with a bias that jumps or drifts"
     ESTIMATOR_DIVERGED = "estimator's state not finite, not a covariance, or absurd"
     MAG_LOST = "magnetometer silent or contradicting"
+    MAG_ASKEW = "magnetometer wrong from the start: heading contradicts the motion"
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
     POSITION_LOST_LONG = "position lost for long"
@@ -151,6 +152,11 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "aligned anew, and the last command held until then", "counter recoveries"),
     Failsafe(Condition.MAG_LOST, "observer: time-out, field strength, gate of the heading", 1.5,
              Action.NOTE, "the next sample that agrees", "MAG_TIMEOUT or MAG_REJECTED"),
+    Failsafe(Condition.MAG_ASKEW, "observer: a bank of filters tells the heading from IMU and "
+             "velocities of the fixes alone; it differs by more than `ekf.motion.difference_rad` "
+             "for `ekf.motion.hold_s`, once movement tells it", 12.0, Action.RELEARN,
+             "heading, level and velocity from that bank at once; the compass stays out of the "
+             "flight", "HEADING_DISAGREES, then MAG_LEFT"),
     Failsafe(Condition.BARO_LOST, "observer: time-out, gate", 2.5, Action.NOTE,
              "the next sample that agrees", "BARO_TIMEOUT or BARO_REJECTED"),
     Failsafe(Condition.POSITION_LOST, "outer loop: sigma of the horizontal velocity over "
