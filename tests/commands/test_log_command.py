@@ -4,6 +4,7 @@
 import json
 import math
 import tracemalloc
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from heli_bags.tools import LogTopic, ulog
 from heli_core.foreign_files import FileCause, FileError
 from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_flight.cli import app as cli
+from heli_studies.logs import show
 from heli_studies.logs.fit import fit_log
 from heli_studies.logs.info import Cause, LogVerdict, Part, cropped, info_of
 from heli_studies.logs.maps import read_map
@@ -155,6 +157,21 @@ def test_the_command_prints_facts_and_a_picture(dataflash, tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "SIDD.Gx" in shown
     assert "d_ped" in shown
+
+
+def test_every_panel_of_the_picture_says_what_its_axes_are(info, tmp_path, monkeypatch):
+    seen, drawn = [], show.picture
+
+    @contextmanager
+    def watched(*given, **options):
+        with drawn(*given, **options) as (figure, axes):
+            yield figure, axes
+            seen.extend((ax.get_xlabel(), ax.get_ylabel()) for ax in axes.flat)
+
+    monkeypatch.setattr(show, "picture", watched)
+    show.draw_info(info, tmp_path / "a.png")
+    assert [x for x, _ in seen] == ["time, s", "time, s", "frequency, Hz", "frequency, Hz"]
+    assert all(y for _, y in seen)
 
 
 @pytest.mark.slow

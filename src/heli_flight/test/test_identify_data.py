@@ -162,6 +162,27 @@ def test_no_bag(tmp_path):
         read(tmp_path / "nothing")
 
 
+def test_an_excitation_that_was_given_up_is_named_with_its_time(excited):
+    excited.excitation_u[:150] = 0.1
+    excited.gust_ned_mps[:] = 0.0
+    with pytest.raises(BagDataError, match="given up at 1.49 s"):
+        experiment_of_record(excited, GIVEN)
+    excited.excitation_u[:] = 0.1
+    assert experiment_of_record(excited, GIVEN).excitation_u.shape == (TICKS, 4)
+
+
+def test_an_aircraft_with_a_design_is_excited_in_a_slow_position_loop():
+    """The design's own, around the experiments' PID, swings logo600 to the limits."""
+    flown = {}
+    for name in (None, "xcell60", "logo600"):
+        wanted = identify.IdentifyOrder(one_process=True, aircraft=name)
+        flown[name] = identify.settings_of(wanted, "actuators").nodes
+    slow = [flown[name]["outer_loop"]["K_P"].tolist() for name in ("xcell60", "logo600")]
+    assert slow[0] == slow[1] == [1.0, 0.6, 3.0]
+    assert flown["xcell60"]["outer_loop"]["mass"] != flown["logo600"]["outer_loop"]["mass"]
+    assert flown[None]["outer_loop"]["K_P"].tolist() == [1.2, 1.2, 4.3]
+
+
 def test_given_constants_are_packaged_for_every_aircraft():
     for name, mass in (("helion.yaml", 9.75), ("xcell60.yaml", 8.2), ("logo600.yaml", 3.6)):
         constants = read_given(name, [])

@@ -196,7 +196,8 @@ def experiment_of_record(record: FlightRecord, a_priori: IdentificationInputs) -
     Raises
     ------
     BagDataError
-        Nothing was excited in that flight, or it ended within the evaluated periods.
+        Nothing was excited in that flight, the excitation was given up, or the flight ended within
+        the evaluated periods.
     """
     if record.excitation_u is None or record.gust_ned_mps is None or record.imu is None:
         raise BagDataError(
@@ -205,6 +206,13 @@ def experiment_of_record(record: FlightRecord, a_priori: IdentificationInputs) -
     held = evaluated(record.time_s, a_priori)
     if not held.is_whole:
         raise BagDataError(f"the flight's record: {held.sentence}: {_ALL_NEEDED}", held)
+    sent_s = record.time_s[np.any(record.excitation_u != 0.0, axis=1)]
+    if sent_s.size and sent_s[-1] < a_priori.end_s - TICK_S:
+        raise BagDataError(
+            f"the excitation was given up at {sent_s[-1]:.2f} s: roll or pitch left "
+            "excitation.attitude_limit_deg, or an actuator stood at its limit; lower "
+            "excitation.amplitude, or the gains of the position loop"
+        )
     return _data_experiment(
         record.time_s,
         record.nav_vel_ned_mps,
@@ -764,7 +772,11 @@ def settings_of(wanted: IdentifyOrder, kind: str) -> Settings:
     """Parameters of an experiment."""
     overrides = {"plant": {"aircraft_file": wanted.aircraft}} if wanted.aircraft else None
     mode = ONE_PROCESS if wanted.one_process else LOCKSTEP
-    return resolve(SCENARIOS[kind], wanted.gps, wanted.seed, None, mode, layers(wanted), overrides)
+    params = layers(wanted)
+    if len(params) > len(wanted.params):
+        # above the design, whose position loop is not made for the experiments' PID
+        params.insert(1, config_folder("heli_flight") / "identify" / "position_loop.yaml")
+    return resolve(SCENARIOS[kind], wanted.gps, wanted.seed, None, mode, params, overrides)
 
 
 def _with_the_law_to_fly(settings: Settings, wanted: IdentifyOrder) -> Settings:

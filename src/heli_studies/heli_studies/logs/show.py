@@ -84,7 +84,7 @@ def print_info(info: LogInfo, out: Console) -> None:
 def draw_info(info: LogInfo, path: Path) -> None:
     """Inputs, rates, coherence of the answers, spectra of the rates."""
     signals = info.log.signals
-    with picture(path, 4, 1, (8.0, 9.0)) as (figure, axes):
+    with picture(path, 4, 1, (8.0, 10.0)) as (figure, axes):
         moves, rates, coherence, spectra = axes[:, 0]
         for colour, i in zip(_COLOURS, info.inputs, strict=False):
             s = signals[i.name]
@@ -115,6 +115,8 @@ def draw_info(info: LogInfo, path: Path) -> None:
             if ax.get_legend_handles_labels()[0]:
                 ax.legend(loc="upper right", fontsize="small")
         coherence.set_ylim(0.0, 1.05)
-        rates.set_xlabel("time, s")
-        spectra.set_xlabel("frequency, Hz")
+        for ax in (moves, rates):
+            ax.set_xlabel("time, s")
+        for ax in (coherence, spectra):
+            ax.set_xlabel("frequency, Hz")
         figure.suptitle(f"{Path(info.log.path).name}: {info.log.format}")
