@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from docs_notebooks import notebook_page, with_page_links
-from docs_reference import command_page, names_page
+from docs_reference import command_page, in_order, names_page
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = "docs/site/mkdocs.yml"
@@ -91,7 +91,7 @@ def lay_out(root: Path, folder: Path) -> list[Path]:
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(root / file, folder / file)
     made = {Path(REFERENCE, "commands.md"): command_page()}
-    packages = sorted(path.parent.name for path in root.glob("src/*/setup.py"))
+    packages = in_order(path.parent.name for path in root.glob("src/*/setup.py"))
     made |= {Path(REFERENCE, f"{name}.md"): names_page(name) for name in packages}
     for page, text in made.items():
         _write(folder / page, text)
@@ -105,12 +105,13 @@ def _write(path: Path, text: str) -> None:
 
 def contents(nav: list[Any], made: Sequence[Path], root: Path) -> list[Any]:
     """The contents with packages, and with what was made from the code, before the last section."""
-    packages = sorted(path.parent.name for path in root.glob("src/*/README.md"))
+    packages = in_order(path.parent.name for path in root.glob("src/*/README.md"))
     details = root.glob("docs/packages/*.md")
-    reference: list[Any] = ["docs/ros.md", str(made[0])]
+    # What people call first: the commands, then the names for Python, then topics and parameters.
+    commands, *names = map(str, made)
     return [
         *nav[:-1],
-        {"Reference": [*reference, {"Public names": [str(page) for page in made[1:]]}]},
+        {"Reference": [commands, *names[:1], "docs/ros.md", {"Public names": names[1:]}]},
         {"Packages": [{name: f"src/{name}/README.md"} for name in packages]},
         {"Packages, in detail": sorted(f"docs/packages/{path.name}" for path in details)},
         nav[-1],

@@ -4,23 +4,42 @@
 import importlib
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import click
 
+FIRST = {
+    "heli": (
+        "fly", "load", "Flight", "design", "Design", "diff", "campaign", "Campaign", "Simulation",
+        "trim", "linearize", "collective_for_thrust", "identify",
+    ),
+}  # fmt: skip
+"""Public names that are called first, by package; the others follow in alphabetical order."""
+PACKAGES_FIRST = ("heli", "heli_flight", "heli_studies", "heli_actions", "heli_inner_hinf",
+                  "heli_outer_pd", "heli_observer", "heli_dynamics_sim", "heli_analysis",
+                  "heli_bags")  # fmt: skip
+"""Packages in the order in which their names are called: the face, flights, then the parts."""
 _SECTION = re.compile(r"(?m)^([A-Z][A-Za-z ]+)\n-{3,}\n")
+
+
+def in_order(packages: Iterable[str]) -> list[str]:
+    """Packages in the order of `PACKAGES_FIRST`, the others after them, alphabetically."""
+    place = {name: i for i, name in enumerate(PACKAGES_FIRST)}
+    return sorted(packages, key=lambda name: (place.get(name, len(place)), name))
 
 
 def names_page(package: str) -> str:
     """The public face of a package: signatures and docstrings of the names in `__all__`."""
     module = importlib.import_module(package)
+    names = sorted(module.__all__, key=str.casefold)
+    first = [name for name in FIRST.get(package, ()) if name in names]
     parts = [
         f"# {package}",
         inspect.getdoc(module) or "",
         f"What it is for, with tables and limits: [its README](../src/{package}/README.md).",
     ]
-    for name in sorted(module.__all__, key=str.casefold):
+    for name in [*first, *(name for name in names if name not in first)]:
         parts += [f"## {name}", *_described(name, getattr(module, name))]
     return "\n\n".join(parts) + "\n"
 
@@ -116,7 +135,10 @@ def command_page() -> str:
 def _commands(
     words: tuple[str, ...], command: click.Command
 ) -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    for name, inner in sorted(getattr(command, "commands", {}).items()):
+    inner_of = getattr(command, "commands", {})
+    # Of `heli` itself in the order of its help, those that are called first at the top.
+    for name in command.list_commands(None) if not words else sorted(inner_of):
+        inner = inner_of[name]
         if not inner.hidden:
             yield (*words, name), inner
             yield from _commands((*words, name), inner)

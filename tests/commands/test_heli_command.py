@@ -14,6 +14,7 @@ import typer
 
 from heli_core.errors import InfeasibleGammaError
 from heli_flight.cli import app as cli
+from heli_flight.cli import sections
 from heli_flight.loop import simulate
 from heli_flight.scoring import score
 from heli_flight.settings import resolve
@@ -405,3 +406,21 @@ def test_a_path_that_is_no_utf8_is_named_before_anything_is_done(tmp_path, capsy
     assert out == "" and len(err.splitlines()) == 1
     assert str(tmp_path) in err and "UTF-8" in err and err.isascii()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_help_shows_every_command_in_one_section(capsys):
+    """What maintainers run stands apart, at the end."""
+    named = [name for names in sections.SECTIONS.values() for name in names]
+    assert sorted(named) == sorted({words[0] for words in COMMANDS})
+    out = heli(capsys, "--help")[1]
+    titles = [f"{title}:" for title in sections.SECTIONS]
+    assert [line for line in out.splitlines() if line in titles] == titles
+    assert "\n  results " in out[out.index("For maintainers:") :]
+    assert f"{sections.OTHER}:" not in out
+
+
+def test_a_command_that_no_section_names_is_shown_last():
+    assert list(sections.in_sections({"hover", "juggle"})) == [
+        ("Fly, and read what was flown", ["hover"]),
+        (sections.OTHER, ["juggle"]),
+    ]

@@ -106,6 +106,18 @@ def test_every_markdown_page_is_in_the_site(site):
         assert (site / page.parent / name).is_file(), page
 
 
+def test_the_reference_begins_with_what_is_called_first():
+    made = [Path("reference/commands.md")]
+    made += [Path(f"reference/{name}.md") for name in docs_reference.in_order(["heli_x", "heli"])]
+    nav = build_docs.contents(["README.md", "last"], made, ROOT)
+    (reference,) = [entry["Reference"] for entry in nav if "Reference" in entry]
+    assert reference[:3] == ["reference/commands.md", "reference/heli.md", "docs/ros.md"]
+    headings = re.findall(r"(?m)^## (\w+)$", docs_reference.names_page("heli"))
+    assert headings[0] == "fly" and len(headings) == len(set(headings))
+    assert set(docs_reference.FIRST["heli"]) <= set(headings)
+    assert re.search(r"(?m)^## (.+)$", docs_reference.command_page())[1] == "hover"
+
+
 def test_names_with_shape_and_unit_and_commands_are_in_the_reference(site):
     text = (site / "reference/heli_inner_hinf.html").read_text(encoding="utf-8")
     for name in ("hinf_norm", "synthesize", "AttitudeConfig"):

@@ -124,7 +124,7 @@ def test_nothing_stays_behind(run, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == kept
 
 
-@pytest.mark.parametrize("name", ["ci", "nightly"])
+@pytest.mark.parametrize("name", ["ci", "nightly", "pages"])
 def test_a_workflow_runs_what_there_is(name):
     """They cannot run here: what they call exists, on a Python that set-up takes, and it ends."""
     flow = yaml.safe_load((ROOT / f".github/workflows/{name}.yml").read_text())
@@ -153,6 +153,22 @@ def test_a_workflow_runs_what_there_is(name):
         lists = {f"requirements/hashes/{kind}.txt" for kind in kinds}
         (audit,) = [command for command in commands if command.startswith("pip-audit")]
         assert lists <= set(audit.split()) and "--require-hashes" in audit
+
+
+def test_the_site_is_published_by_a_job_that_does_nothing_else():
+    """What is built strictly is what is uploaded; the right to write is of the last job alone."""
+    flow = yaml.safe_load((ROOT / ".github/workflows/pages.yml").read_text())
+    # YAML 1.1 reads the key `on` as true.
+    assert flow[True]["push"] == {"branches": ["main"]}
+    build, deploy = flow["jobs"]["build"], flow["jobs"]["deploy"]
+    assert "permissions" not in build and deploy["needs"] == "build"
+    assert deploy["permissions"] == {"pages": "write", "id-token": "write"}
+    assert deploy["environment"]["name"] == "github-pages"
+    (step,) = deploy["steps"]
+    assert step["uses"].startswith("actions/deploy-pages@") and step["id"] == "deployment"
+    *_, made, upload = build["steps"]
+    assert upload["uses"].startswith("actions/upload-pages-artifact@")
+    assert made["run"] == f"./heli python scripts/build_docs.py --out {upload['with']['path']}"
 
 
 def test_the_slow_tests_of_a_file_are_dealt_to_the_tenths_in_turn():

@@ -49,6 +49,7 @@ from heli_flight.cli.mavlink import EPILOG as MAVLINK_EPILOG
 from heli_flight.cli.mavlink import mavlink
 from heli_flight.cli.new import new
 from heli_flight.cli.pilot import pilot
+from heli_flight.cli.sections import Sectioned
 
 # -------------------------------------------------------------------------------------------------
 # `heli run` and `heli python`: nodes and scripts with this environment's interpreter.
@@ -105,6 +106,7 @@ def _become(script: Path | None, arguments: Sequence[str]) -> NoReturn:
 
 app = typer.Typer(
     name="heli",
+    cls=Sectioned,
     help="Autonomous hover of a small helicopter: fly, design, identify, compare, report.",
     no_args_is_help=True,
     rich_markup_mode=None,
