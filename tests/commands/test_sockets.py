@@ -48,6 +48,7 @@ CALLS = {
     "hover --live --foxglove-port": [*LIVE, "--foxglove-port", "0", "--out", "{own}"],
     "replay": ["replay", "{flight}", "--port", "0"],
     "ardupilot": ["ardupilot", "--port", "19002", "--out", "{own}"],
+    "px4": ["px4", "--port", "14560", "--out", "{own}"],
     "mavlink": [
         "mavlink", "--local-port", "19551", "--port", "19550", "--duration", "1",
         "--world", "paper",
@@ -113,7 +114,7 @@ MAKES_DOCUMENTS = {"results make", "results check", "results render"}
 TO_SEND = "udp of a free port"
 """Of Fast DDS: nobody reads what comes there."""
 _WITHOUT_A_GRAPH = {"echo", "fault", "takeoff", "goto", "land", "mode"}
-_ENDED_BY_A_KEY = {"ardupilot", "replay", "run", "joy"}
+_ENDED_BY_A_KEY = {"ardupilot", "px4", "replay", "run", "joy"}
 SETS_REACH = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS",
     "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE",

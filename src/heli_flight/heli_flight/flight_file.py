@@ -13,7 +13,7 @@ from heli_bags.parameters import NODE_NAME as RECORDER
 from heli_core.faults import NONE, Fault, check_count, fault_of, faults_of
 from heli_core.foreign_files import FileCause, FileError, compose_yaml, read_text
 from heli_core.rcl_yaml import ParameterError, dump_all, file_refusal
-from heli_flight.layers import ARDUPILOT, FLIGHT_SECTION, NODES, SHORT_FOR, Reader, layered
+from heli_flight.layers import AUTOPILOTS, FLIGHT_SECTION, NODES, SHORT_FOR, Reader, layered
 from heli_flight.process_faults import PROCESS, process_fault_of, process_faults_of
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.settings import Settings, sources_commit
@@ -266,7 +266,7 @@ def write_parameters(settings: Settings, path: Path) -> None:
     kind = f"{settings.scenario_name}, {settings.gps} GPS, "
     kind += f"world {settings.world}, laws {settings.laws}"
     of_package = f"the packaged parameters of {kind}"
-    command = "./heli ardupilot" if settings.mode == ARDUPILOT else "./hover_test.sh"
+    command = f"./heli {settings.mode}" if settings.mode in AUTOPILOTS else "./hover_test.sh"
     head = [
         f"A flight, all of its parameters; flown again by: {command} --params <this file>",
         f"{kind}, seed {settings.seed}, {flight['controller']}, {flight['duration_s']:g} s, "

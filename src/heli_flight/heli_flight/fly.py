@@ -33,7 +33,7 @@ from heli_flight.graph.processes import (
     has_shared_memory,
     start_server,
 )
-from heli_flight.layers import ARDUPILOT, ONE_PROCESS, hover_test_world
+from heli_flight.layers import AUTOPILOTS, ONE_PROCESS, hover_test_world
 from heli_flight.parts import Parts
 from heli_flight.process_faults import PROCESS
 from heli_flight.record import FlightRecord, write_record
@@ -330,7 +330,7 @@ class FlightOrder:
             process_faults=read.process,
         )
         refuse_unnamed(settings, over)
-        _refuse_ardupilot(settings)
+        _refuse_autopilot(settings)
         return settings
 
 
@@ -457,11 +457,11 @@ def _shown(
     return outcome
 
 
-def _refuse_ardupilot(settings: Settings) -> None:
-    if settings.mode == ARDUPILOT:
+def _refuse_autopilot(settings: Settings) -> None:
+    if settings.mode in AUTOPILOTS:
         raise ParameterError(
-            f"flight: mode: {ARDUPILOT}: is flown by heli ardupilot; allowed here: --realtime, "
-            "--lockstep or --one-process beside this file"
+            f"flight: mode: {settings.mode}: is flown by heli {settings.mode}; allowed here: "
+            "--realtime, --lockstep or --one-process beside this file"
         )
 
 

@@ -242,10 +242,12 @@ def _drawn(
 
 FLIGHT_SECTION = "flight"
 LOCKSTEP, REAL_TIME, ONE_PROCESS = "lockstep", "real time", "one process"
-ARDUPILOT = "ardupilot"
-MODES = (LOCKSTEP, REAL_TIME, ONE_PROCESS, ARDUPILOT)
+ARDUPILOT, PX4 = "ardupilot", "px4"
+AUTOPILOTS: Mapping[str, str] = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
+"""Modes in which somebody else's autopilot flies the plant alone, and its name."""
+MODES = (LOCKSTEP, REAL_TIME, ONE_PROCESS, *AUTOPILOTS)
 """Through the graph as fast as it goes; through the graph by the wall clock; without the graph;
-by ArduPilot, which has the plant alone."""
+by another autopilot."""
 
 SHORT_FOR: Mapping[str, tuple[str, str]] = {
     "seed": ("plant", "seed"),

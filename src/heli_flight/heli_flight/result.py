@@ -19,7 +19,7 @@ from heli_core.metrics import CLIMB_METRICS, PATH, ClimbFigure, PaperMetric
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.wind import GUST, draw_gusts
 from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, identity
-from heli_flight.layers import ARDUPILOT
+from heli_flight.layers import AUTOPILOTS
 from heli_flight.scoring import (
     DECIDES,
     SETTLED_S,
@@ -304,8 +304,9 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
             words = f"from {until_s:.2f} s on it flew where it was told to: that is not scored"
             console.print(words, highlight=False)
     else:
-        told = settings.mode != ARDUPILOT
-        why = "nothing was flown" if told else "ArduPilot does not tell where it wanted to be"
+        why = "nothing was flown"
+        if (autopilot := AUTOPILOTS.get(settings.mode)) is not None:
+            why = f"{autopilot} does not tell where it wanted to be"
         console.print(f"not scored: {why}")
     console.print(conditions(settings), highlight=False)
     if flown_faults(settings):

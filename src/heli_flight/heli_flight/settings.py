@@ -40,7 +40,7 @@ from heli_dynamics_sim.aircraft import AircraftError, find_aircraft
 from heli_dynamics_sim.config import PlantConfig
 from heli_flight import scenario as scenario_table
 from heli_flight.layers import (
-    ARDUPILOT,
+    AUTOPILOTS,
     FLIGHT_SECTION,
     GPS_PRESETS,
     MODES,
@@ -93,8 +93,9 @@ def own_words(settings: Settings) -> str:
 
 
 def laws_words(settings: Settings) -> str:
-    """What controlled the aircraft, in words: packaged laws by name, a user's file, ArduPilot."""
-    return "ArduPilot's" if settings.mode == ARDUPILOT else Path(settings.laws).stem
+    """What controlled the aircraft, in words: packaged laws, a user's file, an autopilot."""
+    autopilot = AUTOPILOTS.get(settings.mode)
+    return f"{autopilot}'s" if autopilot else Path(settings.laws).stem
 
 
 def without_own(settings: Settings) -> Settings:

@@ -235,6 +235,26 @@ def test_a_position_is_flown_to_in_offboard(flying):
     assert flying.kind("ATTITUDE").yaw == pytest.approx(0.5, abs=0.1)
 
 
+def test_a_set_point_before_the_first_position_is_dropped_and_said(station):
+    target = c.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, c.MAV_FRAME_LOCAL_NED, 0b100111111000, 4.0, -3.0, -6.0, 0, 0, 0, 0, 0, 0, 0.5, 0
+    )
+    turns = 0
+    while station.vehicle.telemetry.home_ned_m() is None:
+        station.send(target)
+        station.turn()
+        turns += 1
+    dropped = "set-point: there is no position estimate yet; it is dropped"
+    told = station.words.count(dropped)
+    # 40 ms a turn: once a second, not once each.
+    assert 1 <= told <= 1 + turns // 25
+    station.words = ""
+    for _ in range(50):
+        station.send(target)
+        station.turn()
+    assert dropped not in station.words
+
+
 def test_what_cannot_be_is_refused_with_its_cause(flying):
     assert flying.goto(5000.0, 0.0, 8.0) == c.MAV_RESULT_DENIED
     flying.text("allowed")

@@ -152,7 +152,11 @@ class Physics:
         What was when the last step began, places of `STEP`.
     told : (17,) array
         What is now, places of `REPLY`.
+    y : (31,) array
+        What the sensors say now, places of `MEAS`.
     status : PlantStatus
+    home_ned_m : (3,) array
+        Where it started.
     stand : (4,) array
         Command that it begins with: of the aircraft that stands, or hovers.
     """
@@ -167,17 +171,17 @@ class Physics:
         self._state = plant.initial_state(config, settings.seed)
         self._streams = NoiseStreams(settings.seed)
         self._rows, self._used = self._streams.rows(_DRAWN), 1
-        self._home = self._state.x[PLANT.pos].copy()
-        self.stand, self._y = self._state.pilot[1:].copy(), np.zeros(MEAS.size)
+        self.home_ned_m = self._state.x[PLANT.pos].copy()
+        self.stand, self.y = self._state.pilot[1:].copy(), np.zeros(MEAS.size)
         if measured:
             self.told[REPLY.force.stop - 1] = -config.helicopter.gravity_mps2
-        begin(self._state, self._rows[0], self._k, self._y, measured, self._home, self.told)
+        begin(self._state, self._rows[0], self._k, self.y, measured, self.home_ned_m, self.told)
         self._step: Callable[..., int] = direct(step, *self._arguments(np.zeros(4), True))
 
     def _arguments(self, pulse_us: NDArray[np.float64], driven: bool) -> tuple[Any, ...]:
         return (
             self._state, self.tick, self._rows[self._used], self._k, pulse_us, self._servos, driven,
-            self.stand, self._measured, self._home, self._y, self.row, self.told,
+            self.stand, self._measured, self.home_ned_m, self.y, self.row, self.told,
         )  # fmt: skip
 
     def step(self, pulse_us: NDArray[np.float64], driven: bool) -> None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A flight of ArduPilot as a folder: params.yaml, a bag at 100 Hz of what the plant knows, and
-after it result.json and the report, as every flight has them.
+"""A flight of another autopilot as a folder: params.yaml, a bag at 100 Hz of what the plant
+knows, and after it result.json and the report, as every flight has them.
 
-What ArduPilot estimates is not in its protocol: there is no `odom`, and nothing to score by it.
+What it estimates is not in its protocol: there is no `odom`, and nothing to score by it.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,6 @@ from heli_core.ticks import TICK_NS, Rate, stamp_at
 from heli_dynamics_sim.config import message_variances
 from heli_flight.ardupilot.physics import STEP
 from heli_flight.flight_file import NAME, write_parameters
-from heli_flight.layers import ARDUPILOT
 from heli_flight.report.write import RecordedFlight, recorded
 from heli_flight.result import write_result
 from heli_flight.settings import Settings
@@ -33,7 +32,7 @@ _JOINTS = np.r_[PLANT.rotor, PLANT.servo]
 
 
 class FlightFolder:
-    """A folder that is being filled while ArduPilot flies.
+    """A folder that is being filled while another autopilot flies.
 
     Parameters
     ----------
@@ -115,6 +114,6 @@ def finished(folder: FlightFolder, settings: Settings, facts: FlightFacts) -> Re
     write_parameters(settings, folder.path / NAME)
     flight = recorded(folder.path)
     result = replace(flight.result, lost=facts.lost, wall_s=facts.wall_s, notes=facts.notes)
-    extra = {"mode": ARDUPILOT, ARDUPILOT: dict(facts.numbers)}
+    extra = {"mode": settings.mode, settings.mode: dict(facts.numbers)}
     write_result(result, settings, folder.path, extra)
     return replace(flight, result=result)

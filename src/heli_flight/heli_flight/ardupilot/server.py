@@ -86,20 +86,10 @@ class ArduPilotOrder:
 
     def resolved(self, seed: int | None = None, duration_s: float | None = None) -> Settings:
         """What is flown, or with another seed and length; raises ParameterError."""
-        read = read_faults(self.faults)
-        over: dict[str, dict[str, Any]] = {n: dict(v) for n, v in (read.nodes or {}).items()}
-        # Its controls are ArduPilot's from the first packet on.
-        over.setdefault("plant", {})["initial.pilot_ticks"] = 0
-        if self.aircraft is not None:
-            over["plant"]["aircraft_file"] = _aircraft_file(self.aircraft)
-        section = section_of(self.params)
-        known = "scenario" in section
-        asked_s = self.duration_s if duration_s is None else duration_s
-        if asked_s is None and not known:
-            asked_s = LONGEST_S
-        settings = resolve(
-            None if known else SCENARIO, None, self.seed if seed is None else seed, asked_s,
-            ARDUPILOT, self.params, over, world=self.world, process_faults=read.process,
+        settings = plant_alone(
+            ARDUPILOT, self.aircraft, self.params, self.faults, world=self.world,
+            seed=self.seed if seed is None else seed,
+            duration_s=self.duration_s if duration_s is None else duration_s,
         )  # fmt: skip
         _refuse_unfelt(settings, self.measured)
         return settings
@@ -114,6 +104,47 @@ class ArduPilotOrder:
             return servo_numbers(values, helicopter)
         except ParameterError as error:
             raise ParameterError(f"{self.parm or '--swashplate'}: {error}") from None
+
+
+def plant_alone(
+    mode: str,
+    aircraft: str | None,
+    params: Sequence[Path],
+    faults: Path | None,
+    *,
+    world: str | None,
+    seed: int | None,
+    duration_s: float | None,
+    gps: str | None = None,
+) -> Settings:
+    """What another autopilot flies: it stands on the ground unless a file says otherwise.
+
+    Parameters
+    ----------
+    mode : str
+        One of `layers.AUTOPILOTS`.
+    aircraft : str, optional
+        Name of a packaged aircraft, or a file.
+    params, faults, world, seed, duration_s, gps
+        As of a flight; None: what the files say, else the packaged default.
+
+    Raises
+    ------
+    ParameterError
+    """
+    read = read_faults(faults)
+    over: dict[str, dict[str, Any]] = {n: dict(v) for n, v in (read.nodes or {}).items()}
+    # Its controls are the autopilot's from the first command on.
+    over.setdefault("plant", {})["initial.pilot_ticks"] = 0
+    if aircraft is not None:
+        over["plant"]["aircraft_file"] = _aircraft_file(aircraft)
+    known = "scenario" in section_of(params)
+    if duration_s is None and not known:
+        duration_s = LONGEST_S
+    return resolve(
+        None if known else SCENARIO, gps, seed, duration_s, mode, params, over, world=world,
+        process_faults=read.process,
+    )  # fmt: skip
 
 
 def _aircraft_file(name: str) -> str:
@@ -323,12 +354,24 @@ def _written(
         "repeated": flight.repeated,
         "refused": {cause.name.lower(): count for cause, count in flight.refused.items()},
     }  # fmt: skip
-    done = finished(folder, flown, FlightFacts(lost, wall_s, tuple(flight.notes), numbers))
-    outcome = FinishedFlight(flown, done.result, folder.path)
-    print_table(done.result, flown, out)
-    if order.report:
-        unwritten = UnwrittenFlight(done.result, {"mode": ARDUPILOT}, done.record, done.remarks)
-        report_of_flight(unwritten, flown, folder.path, say, False)
+    facts = FlightFacts(lost, wall_s, tuple(flight.notes), numbers)
+    outcome = written(folder, flown, facts, order.report, out)
     say(f"{seconds:.2f} s flown by ArduPilot at {physics.rate.hz} Hz in {wall_s:.2f} s")
     say(f"written: {folder.path}")
     return [outcome]
+
+
+def written(
+    folder: FlightFolder, flown: Settings, facts: FlightFacts, report: bool, out: Console
+) -> FinishedFlight:
+    """Result and report of a flight that has ended; `flown`: of the length that was flown."""
+
+    def say(line: str) -> None:
+        out.print(line, highlight=False, soft_wrap=True, markup=False)
+
+    done = finished(folder, flown, facts)
+    print_table(done.result, flown, out)
+    if report:
+        unwritten = UnwrittenFlight(done.result, {"mode": flown.mode}, done.record, done.remarks)
+        report_of_flight(unwritten, flown, folder.path, say, False)
+    return FinishedFlight(flown, done.result, folder.path)

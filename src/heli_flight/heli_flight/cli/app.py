@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, replay, ardupilot, mavlink, campaign, design, identify, compare,
+"""The command `heli`: hover, replay, ardupilot, px4, mavlink, campaign, design, identify, compare,
 report, score, diff, list, new, bag, log, echo, topics, fault, joy, takeoff, goto, land, mode,
 results, run, python, setup.
 
@@ -49,6 +49,8 @@ from heli_flight.cli.mavlink import EPILOG as MAVLINK_EPILOG
 from heli_flight.cli.mavlink import mavlink
 from heli_flight.cli.new import new
 from heli_flight.cli.pilot import pilot
+from heli_flight.cli.px4 import EPILOG as PX4_EPILOG
+from heli_flight.cli.px4 import px4
 from heli_flight.cli.sections import Sectioned
 
 # -------------------------------------------------------------------------------------------------
@@ -147,6 +149,7 @@ app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=DIFF_EPILOG)(diff)
 app.command("list", epilog=LIST_EPILOG)(list_packaged)
 app.command(epilog=ARDUPILOT_EPILOG)(ardupilot)
+app.command(epilog=PX4_EPILOG)(px4)
 app.command(epilog=MAVLINK_EPILOG)(mavlink)
 
 

@@ -17,7 +17,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "Command a flight that runs (hover --realtime)": (
         "takeoff", "goto", "land", "mode", "joy", "fault", "topics", "echo",
     ),
-    "Fly with other programs": ("ardupilot", "mavlink"),
+    "Fly with other programs": ("ardupilot", "px4", "mavlink"),
     "Environment": ("setup", "python", "run"),
     "For maintainers": ("results",),
 }  # fmt: skip

@@ -455,6 +455,9 @@ class MavlinkVehicle:
     def _on_setpoint(self, m: Message, source: MessageSource) -> None:
         home, nav = self.telemetry.home_ned_m(), self.telemetry.nav
         if home is None or not self.telemetry.knows():
+            # A place is told from home, a velocity from the heading.
+            why = f"set-point: {_NEEDS[Guard.NAVIGATION]}; it is dropped"
+            self.tell(why, common.MAV_SEVERITY_WARNING)
             return
         try:
             self._setpoint = read_setpoint(

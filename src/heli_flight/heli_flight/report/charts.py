@@ -24,7 +24,7 @@ from heli_core.rows import ACTUATOR, REFERENCE
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.trim import TrimError
 from heli_dynamics_sim.wind import log_law
-from heli_flight.layers import ARDUPILOT
+from heli_flight.layers import AUTOPILOTS
 from heli_flight.record import FlightRecord
 from heli_flight.report.data import (
     FAILSAFE,
@@ -581,7 +581,7 @@ def flown_design(settings: Settings) -> DesignNumbers | None:
     ValueError
         As the design's parts raise it, each with a sentence.
     """
-    if INNER in own_laws(settings) or settings.mode == ARDUPILOT:
+    if INNER in own_laws(settings) or settings.mode in AUTOPILOTS:
         return None
     # python-control takes seconds to import: not before it is needed
     from heli_inner_hinf import tuning

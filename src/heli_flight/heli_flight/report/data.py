@@ -13,7 +13,7 @@ from heli_core.metrics import PaperMetric
 from heli_core.python_controller import INNER, short_name
 from heli_core.rotations import euler_angles
 from heli_flight.flight_file import drawn, drawn_words, flown_faults
-from heli_flight.layers import ARDUPILOT
+from heli_flight.layers import AUTOPILOTS
 from heli_flight.record import FlightRecord
 from heli_flight.result import Result, conditions
 from heli_flight.scoring import WINDOWS, Figures, Score, counted, errors
@@ -406,7 +406,7 @@ class Report:
     @property
     def controller(self) -> str:
         """The attitude law that flew: one of `CONTROLLERS`, of one's own, or ArduPilot's."""
-        if self.settings.mode == ARDUPILOT:
+        if self.settings.mode in AUTOPILOTS:
             return laws_words(self.settings)
         law = own_laws(self.settings).get(INNER, "")
         return short_name(law) if law else str(self.settings.nodes["inner_loop"]["controller"])

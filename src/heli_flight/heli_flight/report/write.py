@@ -21,7 +21,7 @@ from heli_core.ticks import Rate, ticks_in
 from heli_flight import loop as closed_loop
 from heli_flight.flight_file import NAME
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag, judged_truth, lost_with_law
-from heli_flight.layers import ARDUPILOT, ONE_PROCESS, section_of
+from heli_flight.layers import AUTOPILOTS, ONE_PROCESS, section_of
 from heli_flight.record import NAME as RECORD
 from heli_flight.record import FlightRecord, read_record
 from heli_flight.report.charts import (
@@ -272,8 +272,8 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
 
 def _how(result_json: Mapping[str, Any]) -> str:
     """How a flight with a bag was flown, as far as its result says so."""
-    if result_json.get("mode") == ARDUPILOT:
-        return "by ArduPilot"
+    if (autopilot := AUTOPILOTS.get(str(result_json.get("mode")))) is not None:
+        return f"by {autopilot}"
     return f"ROS 2 graph, {result_json['mode']}" if "mode" in result_json else "from a bag"
 
 
@@ -424,8 +424,8 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
     for array, words in parts:
         if not np.isfinite(array).any():
             missing.append(f"The bag holds no {words}.")
-    if settings.mode == ARDUPILOT:
-        missing.append("What ArduPilot wanted is not in its protocol: no reference is shown.")
+    if (autopilot := AUTOPILOTS.get(settings.mode)) is not None:
+        missing.append(f"What {autopilot} wanted is not in its protocol: no reference is shown.")
     elif not np.isfinite(record.reference).any():
         trajectory = settings.scenario.reference
         rate = settings.rate
@@ -441,8 +441,8 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
 def _result(
     record: FlightRecord, settings: Settings, flight: BagFlight, result_json: dict[str, Any]
 ) -> Result:
-    # Where ArduPilot wanted to be, and where it believed to be, nobody has told.
-    told = settings.mode != ARDUPILOT
+    # Where another autopilot wanted to be, and where it believed to be, nobody has told.
+    told = settings.mode not in AUTOPILOTS
     figures = score(record, settings.scenario, settings.rate) if told else Figures()
     plant_errors = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
     fallen = plant_errors[-1].message if plant_errors else ""
