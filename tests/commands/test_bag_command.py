@@ -31,9 +31,9 @@ def heli(capsys, *words):
     return code, out, err
 
 
-def done(capsys, *words):
-    code, out, err = heli(capsys, *words)
-    assert code == 0, err
+def done(capsys, *words, code=0):
+    ended, out, err = heli(capsys, *words)
+    assert ended == code, err
     return out
 
 
@@ -133,14 +133,28 @@ def test_repair_says_what_was_restored_and_what_was_lost(capsys, flight, tmp_pat
         sentence = refused(capsys, "bag", *command, bag, *more)
         assert "bag_0.mcap" in sentence and f"bag repair {bag}'" in sentence
     assert not (tmp_path / "csv").exists()
-    text = done(capsys, "bag", "repair", bag)
+    text = done(capsys, "bag", "repair", bag, code=1)
     assert text.startswith(f"{bag}: bag_0.mcap ")
     assert re.search(rf"^written: {bag}_repaired; .* {bag}$", text, re.MULTILINE)
     info = json.loads(done(capsys, "bag", "info", f"{bag}_repaired", "--json"))
     assert re.search(rf"^restored: {info['messages']} .* 3 topics\b", text, re.MULTILINE)
     assert 100 < info["messages"] < 2 * TICKS
-    again = json.loads(done(capsys, "bag", "repair", bag, "--out", tmp_path / "new", "--json"))
+    again = done(capsys, "bag", "repair", bag, "--out", tmp_path / "new", "--json", code=1)
+    again = json.loads(again)
     assert again["repaired"] and again["messages"] == info["messages"]
+    # Of what metadata.yaml counts, each that is not restored is lost.
+    listed = json.loads(done(capsys, "bag", "info", flight, "--json"))["messages"]
+    lost = sum(again["missing"].values())
+    assert not again["whole"] and lost == listed - info["messages"] > 0
+    assert re.search(rf"^lost: {lost} messages\b", text, re.MULTILINE)
+
+
+def test_what_only_was_not_closed_is_restored_whole(capsys, flight, tmp_path):
+    bag = tmp_path / "bag"
+    shutil.copytree(flight / "bag", bag)
+    (bag / "metadata.yaml").unlink()
+    restored = json.loads(done(capsys, "bag", "repair", bag, "--json"))
+    assert restored["whole"] and not restored["missing"]
 
 
 def test_bad_input_is_one_line(capsys, flight, tmp_path):

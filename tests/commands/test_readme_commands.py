@@ -144,14 +144,17 @@ def clone(tmp_path):
 
 
 @pytest.fixture
-def bare_env():
-    """What a new terminal has: no environment of ours on the PATH, no ROS variables."""
+def bare_env(own_domain):
+    """What a new terminal has: no environment of ours on the PATH, no ROS variables.
+
+    But the test's own domain, which no other test run on this machine has meanwhile.
+    """
     kept = {"HOME", "USER", "LANG", "TMPDIR", "HELI_VENV", "PYTHON"}
     kept |= {"XDG_CACHE_HOME", "PIP_CACHE_DIR", "UV_CACHE_DIR"}
     env = {key: value for key, value in os.environ.items() if key in kept}
     ours = str(Path(sys.executable).parent)
     paths = [p for p in os.environ["PATH"].split(os.pathsep) if p != ours]
-    return {**env, "PATH": os.pathsep.join(paths), "ROS_DOMAIN_ID": str(os.getpid() % 90 + 101)}
+    return {**env, "PATH": os.pathsep.join(paths), "ROS_DOMAIN_ID": str(own_domain)}
 
 
 def run(command, folder, env):

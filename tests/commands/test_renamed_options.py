@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options are taken under their old names, with one warning; help and completion have the new."""
 
+import ast
 import re
+from pathlib import Path
 
 import pytest
 import typer
@@ -12,6 +14,9 @@ from heli_flight.cli.common import RENAMED, CommandWithRenamed, CommandWithWords
 
 OLD = {old for old, _ in RENAMED}
 NEW = {new for _, new in RENAMED}
+SOURCES = Path(__file__).resolve().parents[2] / "src"
+OF_OTHERS = {"--model", "--sim-port-out", "--shm-size", "--ros-args", "--params-file"}
+"""Options of ArduPilot, Docker and ROS that sentences of ours name."""
 # What follows an option of a made-up command.
 VALUES_OF = {"--control-preset": 1, "--custom-law": 1, "--vehicles": 1, "--json": 0, "--at": 3}
 
@@ -145,3 +150,24 @@ def test_aircraft_means_an_aircraft():
         "heli ardupilot", "heli compare aircraft", "heli design", "heli identify", "heli mavlink",
         "heli px4", "heli tune",
     }  # fmt: skip
+
+
+def refusals():
+    """Texts in what is raised, with their places."""
+    for path in sorted(SOURCES.glob("heli_*/heli_*/**/*.py")):
+        for statement in ast.walk(ast.parse(path.read_text())):
+            if isinstance(statement, ast.Raise):
+                for node in ast.walk(statement):
+                    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                        yield f"{path.relative_to(SOURCES)}:{node.lineno}", node.value
+
+
+def test_a_refusal_names_options_that_there_are():
+    known = {"--help"}.union(*(options(command) for _, command in ALL))
+    unknown = {
+        (place, name)
+        for place, text in refusals()
+        for name in re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", text)
+        if name not in known | OF_OTHERS
+    }
+    assert not unknown

@@ -579,6 +579,14 @@ def _listed(about: Mapping[str, Any]) -> dict[str, _Listed]:
     return found
 
 
+def listed_counts(bag: Path) -> dict[str, int]:
+    """Messages of each topic as metadata.yaml of a folder counts them; {} where it cannot say."""
+    try:
+        return {name: row.messages for name, row in _listed(information(bag)).items()}
+    except FileError:
+        return {}
+
+
 class BagFiles:
     """The files of a bag as one; what asks for more than the budget is a FileError.
 

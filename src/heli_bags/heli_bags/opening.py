@@ -61,6 +61,7 @@ class TroubleKind(Enum):
     NEVER_CLOSED = "a database was never closed"
     MISSING = "a file is missing"
     UNLISTED = "a file is not in the list of files"
+    UNREADABLE = "the list of files cannot be read"
 
 
 class Trouble(NamedTuple):
@@ -107,6 +108,11 @@ def trouble_of(bag: Path) -> Trouble | None:
         return None
     if not (bag / METADATA).is_file():
         return Trouble(TroubleKind.MISSING, (METADATA,), f"{METADATA} is missing")
+    try:
+        information(bag)
+    except FileError as error:
+        where = f"{METADATA}, line {error.line}" if error.line else METADATA
+        return Trouble(TroubleKind.UNREADABLE, (METADATA,), f"{where}: {error.problem}")
     listed = listed_files(bag)
     absent = [name for name in listed if not (bag / name).is_file()]
     if absent:

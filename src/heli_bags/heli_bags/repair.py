@@ -21,7 +21,7 @@ from mcap.records import McapRecord
 from mcap.writer import MCAP0_MAGIC
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from heli_bags.bag_files import bounded_qos, check_database, in_order
+from heli_bags.bag_files import bounded_qos, check_database, in_order, listed_counts
 from heli_bags.opening import ABOVE, damage, listed_files, storage_files, trouble
 from heli_bags.storage import (
     MOST_DEFINITIONS,
@@ -420,6 +420,8 @@ class Repair:
         Time between the first and the last of them.
     lost_bytes, damaged_chunks, nameless : int
         What no message could be read from, and messages of no topic.
+    missing : dict
+        Topic to how many messages metadata.yaml counts more than were restored.
     notes : list of str
     """
 
@@ -431,6 +433,7 @@ class Repair:
     lost_bytes: int = 0
     damaged_chunks: int = 0
     nameless: int = 0
+    missing: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -438,9 +441,17 @@ class Repair:
         """Messages restored."""
         return sum(self.counts.values())
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all that the bag says it held is restored.
+
+        A message that was being written when the recorder ended was never whole.
+        """
+        return not (self.missing or self.damaged_chunks or self.nameless)
+
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {**asdict(self), "messages": self.messages}
+        return {**asdict(self), "messages": self.messages, "whole": self.is_whole}
 
 
 def _files(bag: Path) -> list[Path]:
@@ -529,6 +540,7 @@ def repair(
         raise BagError(sentence, BagCause.NO_BAG)
     bag = bag.resolve()
     target = _target(bag, out, in_place)
+    listed = listed_counts(bag)
     survey = _Survey(files, lambda done: progress(done, 0))
     damaged = sum(state.damaged_chunks for state in survey.states)
     if not wrong and not damaged and all(state.whole for state in survey.states):
@@ -553,6 +565,8 @@ def repair(
         if in_place and not target.exists():
             source.rename(target)
         raise
+    short = {name: number - result.counts.get(name, 0) for name, number in listed.items()}
+    result.missing = {name: number for name, number in short.items() if number > 0}
     return result
 
 
@@ -585,5 +599,6 @@ def _copy(
         sentence = f"{target}: cannot be written: {reason(error)}; {kept}"
         raise BagError(sentence, BagCause.UNWRITABLE) from error
     counts = new.counts()
-    result.counts = {c.topic: counts[number] for c, number in survey.channels.items()}
+    for channel, number in survey.channels.items():  # of one topic there may be several
+        result.counts[channel.topic] = result.counts.get(channel.topic, 0) + counts[number]
     result.duration_s = (last_ns - first_ns) / 1e9

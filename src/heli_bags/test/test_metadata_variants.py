@@ -2,11 +2,12 @@
 """metadata.yaml of all versions, with fields left out, added and filled differently: read alike."""
 
 import copy
+import shutil
 
 import pytest
 import zstandard
 
-from heli_bags.opening import trouble
+from heli_bags.opening import TroubleKind, trouble, trouble_of
 from heli_bags.reader import read_bag
 from heli_bags.repair import repair
 from heli_bags.tools import bag_info, bag_messages, write_csv
@@ -193,3 +194,26 @@ def test_without_the_list_of_files_a_repair_is_advised(split, change, tmp_path):
     done = repair(bag, tmp_path / "new")
     assert done is not None and done.messages == len(NAMES) * TICKS
     judge(tmp_path / "new", split[1], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("rosbag2_bagfile_information:\n  version: &v 5\n  also: *v\n", "line 3"),
+        ("rosbag2_bagfile_information:\n  version: [5\n", "YAML"),
+        ("- a list\n", ""),
+        ("", ""),
+    ],
+    ids=["alias", "no YAML", "a list", "empty"],
+)
+def test_metadata_that_cannot_be_read_is_what_is_wrong(split, tmp_path, text, line):
+    """Not that it does not list a file; and a repair brings the messages back."""
+    folder = shutil.copytree(split[0], tmp_path / "bag")
+    (folder / "metadata.yaml").write_text(text)
+    wrong = trouble_of(folder)
+    assert (wrong.kind, wrong.names) == (TroubleKind.UNREADABLE, ("metadata.yaml",))
+    assert line in wrong.sentence
+    with pytest.raises(BagError, match="heli bag repair"):
+        bag_info(folder)
+    restored = repair(folder, tmp_path / "new")
+    assert restored.is_whole and restored.messages == len(NAMES) * TICKS

@@ -103,7 +103,7 @@ class ArduPilotOrder:
         try:
             return servo_numbers(values, helicopter)
         except ParameterError as error:
-            raise ParameterError(f"{self.parm or '--swashplate'}: {error}") from None
+            raise ParameterError(f"{self.parm or '--swash'}: {error}") from None
 
 
 def plant_alone(

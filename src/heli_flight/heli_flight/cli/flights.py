@@ -802,7 +802,7 @@ def ulog(
 
 @bag.command(
     epilog="\b\nexample:\n  heli bag repair flights/my_flight/bag\n"
-    "  heli bag repair flights/my_flight/bag --in-place && heli report flights/my_flight"
+    "  heli bag repair flights/my_flight/bag --in-place; heli report flights/my_flight"
 )
 def repair(
     path: Bag,
@@ -814,7 +814,10 @@ def repair(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Restore a bag that was cut off or never closed; the damaged one is kept."""
+    """Restore a bag that was cut off or never closed; the damaged one is kept.
+
+    Exit code 1: messages that it counts are lost.
+    """
     from heli_bags.opening import bag_of
     from heli_bags.repair import repair as restore
     from heli_flight.terminal import amount
@@ -823,7 +826,7 @@ def repair(
         done = restore(bag_of(path), out, in_place, progress)
     if as_json:
         print(json.dumps({"repaired": done is not None, **(done.as_dict() if done else {})}))
-        return 0
+        return _SHORT if done and not done.is_whole else 0
     if done is None:
         print(f"{bag_of(path)}: nothing to repair")
         return 0
@@ -836,7 +839,10 @@ def repair(
         print(f"lost: {done.damaged_chunks} chunks whose content is damaged")
     if done.nameless:
         print(f"lost: {done.nameless} messages of no topic of the bag")
+    if done.missing:
+        lost = ", ".join(f"{_shown(name)} {number}" for name, number in done.missing.items())
+        print(f"lost: {sum(done.missing.values())} messages that metadata.yaml counts: {lost}")
     for note in done.notes:
         print(f"note: {note}")
     print(f"written: {done.folder}; the damaged bag is kept in {done.source}")
-    return 0
+    return 0 if done.is_whole else _SHORT
