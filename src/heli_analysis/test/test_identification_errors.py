@@ -166,6 +166,15 @@ def test_unphysical():
     )
 
 
+def test_an_open_loop_that_is_unstable_is_no_reason_to_refuse():
+    """A tail that runs away by itself, without a yaw gyro."""
+    model = true_model()
+    A = model.A.copy()
+    A[4, 4], A[4, 5] = 3.0, 0.0
+    assert np.linalg.eigvals(A).real.max() > 2.5
+    _check_physical(replace(model, A=A))
+
+
 def test_collective_gain_of_a_known_force(flight, known):
     """A specific force made from the servo's own response gives back its gain."""
     from scipy.signal import cont2discrete, dlsim

@@ -74,6 +74,13 @@ def identify(
     hover_after: Annotated[
         bool, typer.Option("--hover", help="then fly the hover test with what was identified")
     ] = False,
+    method: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="of A, B and servos: frequency, or output_error, in the time domain from there on",
+        ),
+    ] = "frequency",
     params: Params = None,
     as_json: Json = False,
 ) -> int:
@@ -82,11 +89,12 @@ def identify(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import console
     from heli_studies import identify as command
+    from heli_studies.identify_methods import method_of
     from heli_studies.identify_report import execute
 
     wanted = command.IdentifyOrder(
         actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process,
-        flight=flight,
+        flight=flight, method=method_of(method),
     )  # fmt: skip
     outcome = execute(wanted, out)
     if as_json:
@@ -232,13 +240,20 @@ def score(
 
 DESIGN_EPILOG = (
     "\b\nexample:\n  heli design --params weights.yaml --gamma-factor 1.2 --out my_design\n"
-    "  heli hover --params my_design/design.yaml"
+    "  heli hover --params my_design/design.yaml\n"
+    "  heli design --identified my_aircraft --gamma-factor 1.3 --out my_design"
 )
 
 
 def design(
     params: Params = None,
     aircraft: Aircraft = None,
+    identified: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="model that `heli identify` wrote, or its folder, as the aircraft"
+        ),
+    ] = None,
     controller: AttitudeController = None,
     gamma: Annotated[
         float | None,
@@ -268,6 +283,7 @@ def design(
     """Design the loops of an aircraft: certificate, margins, gains, pictures, YAML."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_core.rcl_yaml import ParameterError
     from heli_flight.terminal import (
         answer,
         being_filled,
@@ -276,12 +292,20 @@ def design(
         refuse_existing,
         steps,
     )
+    from heli_studies.design.identified import design_of_identified
     from heli_studies.design.make import make_design, write_yaml
     from heli_studies.design.report import as_dict, print_design
 
     refuse_existing(out)
+    if identified is not None and (aircraft is not None or search or check):
+        raise ParameterError("--identified: goes with none of --aircraft, --search, --check")
     with steps("design", 2 if out else 1) as progress:
-        made = make_design(params or [], aircraft, gamma, gamma_factor, search or check, controller)
+        if identified is not None:
+            made = design_of_identified(identified, params or [], gamma, gamma_factor, controller)
+        else:
+            made = make_design(
+                params or [], aircraft, gamma, gamma_factor, search or check, controller
+            )
         progress(1)
         if out is not None:
             from heli_studies.design.report import draw_all
@@ -329,11 +353,13 @@ def robust(
     from heli_flight.settings import resolve
     from heli_flight.terminal import answer, being_filled, json_text, refuse_existing, steps
     from heli_studies import robust as prove
+    from heli_studies.design.linear import refuse_unphysical
     from heli_studies.robust import read_ranges
 
     refuse_existing(out)
     asked = read_ranges(params or [])
     settings = resolve(params=params or [], laws=laws).at_100_hz("heli robust")
+    refuse_unphysical(settings.nodes["plant"])
     with steps("delays", len(asked.delays_ticks)) as progress:
         proof = prove.prove(settings, asked, progress, fly)
     if out is not None:

@@ -28,6 +28,7 @@ from heli_analysis.identification.actuators import (
     trim_of,
 )
 from heli_analysis.identification.model import AIR, FAST, N_FAST, FastModel
+from heli_analysis.identification.output_error import Agreement, refine
 from heli_analysis.identification.spectra import Experiment, spectra_of
 from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.writer import BagError
@@ -62,6 +63,7 @@ from heli_inner_hinf.loops import Loop, sampled_plant
 from heli_inner_hinf.mu import peak_gain
 from heli_msgs_bridge import topics
 from heli_studies.design.make import Basis, FinishedDesign, aircraft_basis, design_of
+from heli_studies.identify_methods import Method, agreement_as_dict, print_agreement
 
 # -------------------------------------------------------------------------------------------------
 # What `heli identify` takes as given; values stand in config/identify/<aircraft>.yaml.
@@ -371,6 +373,8 @@ class Identification:
     ab, wind, trim, collective : IdentifiedAB, IdentifiedE, IdentifiedTrim, IdentifiedCollective
     a_priori : Given
     design : FinishedDesign
+    agreement : tuple of Agreement
+        Each entry by both methods; empty where only the frequency domain was asked for.
     """
 
     actuators: Experiment
@@ -381,6 +385,7 @@ class Identification:
     collective: IdentifiedCollective
     a_priori: IdentificationInputs
     design: FinishedDesign
+    agreement: tuple[Agreement, ...] = ()
 
 
 def identify(
@@ -390,6 +395,7 @@ def identify(
     settings: Settings,
     gamma_factor: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    method: Method = Method.FREQUENCY,
 ) -> Identification:
     """Fit A, B, servos and delay, then E, trim and collective; design from them.
 
@@ -404,6 +410,8 @@ def identify(
         gamma as a multiple of gamma*, instead.
     progress : callable
         Told what comes next, a few words.
+    method : Method
+        By which A, B and servos are found in the end.
 
     Raises
     ------
@@ -426,12 +434,15 @@ def identify(
     mean = wind.E.copy()
     mean[NINE.r, AIR.w] = wind.E_rw["mean"]
     ab = refit_actuators(actuators, ab, mean)
+    agreement: tuple[Agreement, ...] = ()
+    if method is Method.OUTPUT_ERROR:
+        ab, _, agreement = refine(actuators, ab)
     trim = trim_of([actuators, gusts], ab)
     wind = fit_gusts(gusts, ab, air_w_mps=air_w_mps)
     progress("design")
     basis = basis_of(ab, wind, trim, collective, a_priori)
     design = design_of(basis, settings, gamma_factor=gamma_factor)
-    return Identification(actuators, gusts, ab, wind, trim, collective, a_priori, design)
+    return Identification(actuators, gusts, ab, wind, trim, collective, a_priori, design, agreement)
 
 
 def basis_of(
@@ -706,6 +717,8 @@ class IdentifyOrder:
         Whether nothing is told of its progress.
     flight : int or None
         Which flight of a bag whose clock goes back, from 1 on; None: of such a bag it is asked.
+    method : Method
+        Of the fit of A, B and servos.
     """
 
     actuators: Path | None = None
@@ -718,6 +731,7 @@ class IdentifyOrder:
     one_process: bool = False
     quiet: bool = False
     flight: int | None = None
+    method: Method = Method.FREQUENCY
 
     def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[float], None]]:
         """Progress on stderr, or none."""
@@ -819,7 +833,7 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
 
         identification = identify(
             experiments["actuators"], experiments["gusts"], a_priori, settings, wanted.gamma_factor,
-            tell,
+            tell, wanted.method,
         )  # fmt: skip
         bound = identification.design.attitude.bound
         gamma = bound.gamma if bound and wanted.gamma_factor is not None else None
@@ -890,6 +904,7 @@ def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
                                          ("gusts", identification.gusts))
             },
         },
+        "agreement": agreement_as_dict(identification.agreement),
         "taken_for_zero": list(outcome.zeros),
         "delay_ticks": identification.ab.delay_ticks,
         "E_rw": dict(identification.wind.E_rw),
@@ -925,6 +940,8 @@ def print_outcome(outcome: IdentifyOutcome, out: Console) -> None:
             cells += [f"{row.truth:.5g}", row.deviation_text, mark]
         rows.add_row(*cells)
     out.print(rows)
+    if outcome.identification.agreement:
+        print_agreement(outcome.identification.agreement, out)
     if outcome.zeros:
         zero = ", ".join(outcome.zeros)
         out.print(f"not told from zero: {zero}", soft_wrap=True)

@@ -74,7 +74,8 @@ if TYPE_CHECKING:
 LEAST_COHERENCE = 0.6
 SIGNIFICANT_SHARE = 0.01
 _LEAST_LINES = 5
-_FASTEST_GROWTH_1PS = 1.0
+_FASTEST_GROWTH_1PS = 10.0
+"""Helicopters without augmentation are unstable in the open loop; none departs as fast as this."""
 
 
 @dataclass(frozen=True)
@@ -420,6 +421,17 @@ def _identified(
         theta_rad=attitude[1],
         fast=model,
     )
+
+
+def refitted(
+    before: IdentifiedAB, model: FastModel, fitted: Estimate, sigma: dict[str, float]
+) -> IdentifiedAB:
+    """The same with another fit's model, estimate and standard deviations of its parameters."""
+    return _identified(
+        model, fitted, before.sigma | sigma, before.share, (before.phi_rad, before.theta_rad),
+        (before.delay_s, before.delay_s_sigma, before.delay_ticks), before.taken_for_zero,
+        before.coherence,
+    )  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------

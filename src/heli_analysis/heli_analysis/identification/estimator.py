@@ -59,8 +59,8 @@ _COARSE, _FINE = 1e-4, 1e-7  # relative change of the cost
 _EVALUATIONS = 60
 _AROUND = 6  # lines to either side
 _STEP = {"A": 1e-3, "B": 1e-3, "E": 1e-4}
-_BOUNDS = {SERVO: (3.0, 250.0), DAMPING: (0.05, 3.0), DELAY: (0.0, 0.15)}
-LONGEST_DELAY_S = _BOUNDS[DELAY][1]
+BOUNDS = {SERVO: (3.0, 250.0), DAMPING: (0.05, 3.0), DELAY: (0.0, 0.15)}
+LONGEST_DELAY_S = BOUNDS[DELAY][1]
 
 
 @dataclass(frozen=True)
@@ -226,8 +226,8 @@ def _minimise(
     problem: Problem, start: Array, whiteners: list[ComplexArray] | None, tolerance: float
 ) -> tuple[Array, Array, bool]:
     """(values, Jacobian, converged) of one SciPy least-squares run."""
-    lower = np.array([_BOUNDS.get(name, (-np.inf, np.inf))[0] for name in problem.names])
-    upper = np.array([_BOUNDS.get(name, (-np.inf, np.inf))[1] for name in problem.names])
+    lower = np.array([BOUNDS.get(name, (-np.inf, np.inf))[0] for name in problem.names])
+    upper = np.array([BOUNDS.get(name, (-np.inf, np.inf))[1] for name in problem.names])
     inside = np.clip(start, lower + 1e-6, upper - 1e-6)
 
     def residual(values: Array) -> Array:

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Output error on chirps and multisines of an aircraft whose numbers are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from heli_analysis.identification import AperiodicRecord, IdentificationCause, IdentificationError
+from heli_analysis.identification.model import assemble, transfer, values_of
+from heli_analysis.identification.output_error import (
+    BAND_HZ,
+    Agreement,
+    Piece,
+    fit_output_error,
+    pieces_of_experiment,
+    pieces_of_record,
+    simulate,
+)
+from heli_core.ticks import TICK_S
+from support.identification_flights import Flight, fly, true_model
+
+MAIN = ("A(p,b_s)", "A(q,a_s)", "A(r,r)", "B(a_s,d_lon)", "B(b_s,d_lat)", "B(r,d_ped)",
+        "servo.frequency_radps", "flapping.rate_1ps")  # fmt: skip
+TRUE = values_of(MAIN, true_model())
+START = assemble(MAIN, TRUE * np.resize([1.1, 0.92], TRUE.size), true_model())
+
+
+def chirped(seed, chirps_s=12.0, u=(0.05, 0.05, 0.08, 0.0)):
+    flight = fly(
+        Flight(seed=seed, chirps_s=chirps_s, period_s=3 * chirps_s, periods=1, u_amplitude=u)
+    )
+    return AperiodicRecord(
+        flight.u, flight.excitation_u, flight.rate_body_radps, flight.vel_body_mps,
+        flight.attitude_rad[:, :2], ((500, flight.u.shape[0]),),
+    )  # fmt: skip
+
+
+def test_a_simulated_sine_has_the_gain_and_phase_of_the_frequency_response():
+    model = replace(true_model(), delay_s=0.013)
+    omega, n = 2.0 * np.pi * 1.5, 6000
+    t = np.arange(n) * TICK_S
+    u, still = np.zeros((n, 4)), np.zeros((n, 3))
+    u[:, 0] = np.sin(omega * t)
+    vel = still.copy()
+    vel[:, 1] = np.sin(omega * t)
+    for k, piece in (
+        (0, Piece(u, still, still, still, 0)),
+        (9, Piece(0 * u, still, vel, still, 0)),
+    ):
+        rates = simulate(model, piece)[2000:]
+        basis = np.column_stack([np.sin(omega * t), np.cos(omega * t)])[2000:]
+        fitted = np.linalg.lstsq(basis, rates, rcond=None)[0]
+        want = transfer(model, np.array([omega]))[0][:, k]
+        np.testing.assert_allclose(fitted[0] + 1j * fitted[1], want, rtol=2e-3, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_chirps_give_the_main_entries_with_an_honest_interval():
+    found = fit_output_error(pieces_of_record(chirped(1), BAND_HZ), START, MAIN)
+    np.testing.assert_allclose(found.values, TRUE, rtol=0.05)
+    assert np.all(np.abs(found.values - TRUE) < 3.5 * found.sigma)
+    # turbulence colours the residuals: the bound of white ones is far too small
+    assert np.median(found.sigma / found.white_sigma) > 1.5
+    assert np.all(found.fit < 0.25)
+
+
+def test_periods_are_averaged_and_give_the_same():
+    flight = fly(Flight(seed=2, period_s=10.0, periods=4, settle_s=10.0))
+    found = fit_output_error(pieces_of_experiment(flight, BAND_HZ), START, MAIN)
+    np.testing.assert_allclose(found.values, TRUE, rtol=0.05)
+
+
+@pytest.mark.slow
+def test_two_sigma_hold_the_truth():
+    z = []
+    for seed in range(1, 9):
+        found = fit_output_error(pieces_of_record(chirped(seed), BAND_HZ), START, MAIN)
+        z.append((found.values - TRUE) / found.sigma)
+    assert np.mean(np.abs(z) < 2.0) > 0.88
+    white = np.asarray(z) * found.sigma / found.white_sigma
+    assert np.mean(np.abs(white) < 2.0) < 0.8
+
+
+def test_what_grows_beyond_numbers_and_what_is_too_short_is_named():
+    record = chirped(1)
+    A = true_model().A.copy()
+    A[4, 4] = 40.0
+    with pytest.raises(IdentificationError) as refused:
+        fit_output_error(pieces_of_record(record, BAND_HZ), replace(START, A=A), MAIN)
+    assert refused.value.cause is IdentificationCause.UNSTABLE
+    with pytest.raises(IdentificationError) as refused:
+        pieces_of_record(replace(record, runs=((0, 900), (1000, 1900))), BAND_HZ)
+    assert refused.value.cause is IdentificationCause.TOO_SHORT
+
+
+def test_agreement_counts_both_spreads():
+    assert Agreement("x", 10.0, 0.3, 10.9, 0.4).agrees
+    apart = Agreement("x", -10.0, 0.3, -11.1, 0.4)
+    assert not apart.agrees and apart.deviation == pytest.approx(-0.11)
