@@ -165,3 +165,14 @@ def test_a_flight_needs_no_home(hover_test, tmp_path, ros_env, home):
     done = hover_test("--duration", "1", "--out", tmp_path / "f", env=env)
     assert (done.returncode, done.stderr) == (0, "")
     assert [path.name for path in tmp_path.glob("heli_hover-*/*")] == ["ros_log"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variable", ["ROS_LOG_DIR", "ROS_HOME"])
+def test_a_flight_needs_no_log_folder(hover_test, tmp_path, ros_env, variable):
+    """It flies, and says in one line that what the user named cannot be used."""
+    env = {"TMPDIR": str(tmp_path), variable: "/dev/null"}
+    done = hover_test("--duration", "1", "--out", tmp_path / "f", env=env)
+    assert done.returncode == 0 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert f"{variable}='/dev/null'" in done.stderr
+    assert [path.name for path in tmp_path.glob("heli_hover-*/*")] == ["ros_log"]
