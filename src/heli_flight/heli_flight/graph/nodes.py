@@ -3,7 +3,6 @@
 
 import contextlib
 import os
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from heli_core.errors import BrokenFlightError, StartError
 from heli_core.faults import NONE, flow_mapping
 from heli_core.folders import temporary_folder, write_whole
 from heli_flight import interrupts
+from heli_flight.graph.log_folder import keep_log
 from heli_flight.graph.processes import DISCOVERY, check_middleware, end_tracer, has_shared_memory
 from heli_msgs_bridge.node_process import outlasts_set_clock, wait_for_dds_shutdown
 from heli_outer_pd.joystick import Device, DeviceError, Reading
@@ -173,26 +173,13 @@ def in_words(reading: Reading) -> str:
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 
-def _keep_log() -> None:
-    """Have ROS log to the temporary folder where there is no home that can be written to."""
-    if "ROS_LOG_DIR" in os.environ or "ROS_HOME" in os.environ:
-        return
-    try:
-        # An empty one is none: the log would go to wherever the command is run.
-        log = Path(os.environ["HOME"] or os.devnull) / ".ros" / "log"
-        log.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=log).close()
-    except (OSError, KeyError):
-        os.environ["ROS_LOG_DIR"] = str(temporary_folder("ros_log"))
-
-
 def prepare_environment() -> None:
     """Stay on this machine and announce participants often, unless the user chose otherwise.
 
     In the range LOCALHOST ROS announces itself to this machine alone, and listens on every address
     all the same; the profile has it listen on this machine, too.
     """
-    _keep_log()
+    keep_log()
     os.environ.setdefault(DISCOVERY, "LOCALHOST")
     if not any(name in os.environ for name in PROFILES):
         alone = os.environ[DISCOVERY].strip() == "LOCALHOST"
