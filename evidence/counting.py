@@ -3,7 +3,7 @@
 
 Usage: NUMBA_DISABLE_JIT=1 ./heli python -m evidence.counting [LAWS] [TICKS]
 
-The kernels run as plain Python on `Counted` in the place of floats: every multiplication, addition,
+The kernels run as plain Python on `Counted` in place of floats: every multiplication, addition,
 division and function of `math` that a tick needs is counted where it happens. Plant and sensors,
 which no flight computer has, run on floats.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw docs/dispersion.png: errors of the dispersed hover test, law by law.
+"""Draw docs/dispersion.png: errors of the dispersed hover test, for each controller.
 
 Usage: ./heli python -m evidence.draw_dispersion
 after `./heli results make dispersion dispersion_honest`

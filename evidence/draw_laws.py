@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw docs/laws_everywhere.png and docs/laws_hover.png from what was found of the laws.
+"""Draw docs/laws_everywhere.png and docs/laws_hover.png from what was found of the controllers.
 
 Usage: ./heli python -m evidence.draw_laws    after `./heli results make laws_everywhere laws_hover`
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An attitude law of your own: LQR with integral action on the aircraft linearised in hover.
+"""An attitude controller of your own: LQR with integral action on the aircraft linearised in hover.
 
 Fly it:      ./hover_test.sh --custom-law examples/my_law.py:MyLaw
              ./hover_test.sh --custom-law examples/my_law.py:MyLaw --one-process
@@ -13,7 +13,7 @@ import heli
 
 NINE = heli.NINE
 ANGLES = [NINE.phi, NINE.theta, NINE.psi]  # what is commanded
-DT_S = 0.01  # the law is called so often
+DT_S = 0.01  # the controller is called so often
 
 
 class MyLaw:
@@ -35,7 +35,7 @@ class MyLaw:
         self.K, _, _ = control.lqr(A, B, Q, R)
 
     def reset(self, x, r, u):
-        """Before the first step, and when the law begins again."""
+        """Before the first step, and when the controller begins again."""
         self.integral = np.zeros(3)
 
     def step(self, x, r, t):

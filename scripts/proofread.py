@@ -36,6 +36,15 @@ BETTER = {
     r"refuses? .{0,40}\baloud\b": "rejects with a warning",
     r"\bto and fro\b": "back and forth",
     r"\bwere not at hand\b": "not tested with",
+    r"\bfiles? of laws\b": "control preset",
+    r"\b(attitude|position|altitude|inner|outer|packaged|default) laws?\b": "controller",
+    r"\blaws? (of your own|in python)\b": "your own controller",
+    r"\bsoft flight\b": "degraded mode",
+    r"\bheld against\b": "compared with",
+    r"\bin the place of\b": "in place of",
+    r"\btells what each\b": "describes each",
+    r"\bhow it comes out\b": "results",
+    r"\b(is|are|was|were|be) broken off\b": "aborted, interrupted",
 }
 """What is written -> what the field says."""
 WORDS = {"ned", "nees", "parm", "sitl", "statics"}

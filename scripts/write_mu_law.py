@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write the laws `mu`: output feedback by D-K iteration for the packaged aircraft.
+"""Write the controller `mu`: output feedback by D-K iteration for the packaged aircraft.
 
 Usage: ./heli python scripts/write_mu_law.py [FILE]
        ./heli python scripts/write_mu_law.py --check    exit code 1 if what is shipped is another
@@ -26,7 +26,7 @@ from heli_studies.design.rivals import MuDesign, MuWeights, mu_design
 FILE = Path(__file__).resolve().parent.parent / "src/heli_flight/config/laws/mu.yaml"
 _DIGITS = 9
 _SAME = 1e-3
-"""An iteration ends within this share of the law's largest gain, at every frequency."""
+"""An iteration ends within this share of the controller's largest gain, at every frequency."""
 _OMEGA = np.geomspace(0.01, 300.0, 200)
 
 
@@ -37,13 +37,13 @@ _POSITION = (
     "disturbance.bandwidth_radps",
     "disturbance.attitude_lag_s",
 )
-"""Of the position loop, which is that of the laws `hinf`."""
+"""Of the position loop, which is that of the controller `hinf`."""
 _HEADING_LEAD_S = 1.05
 """As this attitude loop lags behind a turning heading."""
 
 
 def write(design: MuDesign, weights: MuWeights, path: Path) -> None:
-    """The law as a file of laws, with what is proved of it in the head."""
+    """The controller as a control preset, with what is proved of it in the head."""
     law = {
         f"law.{name}": [float(f"{value:.{_DIGITS}g}") for value in matrix.ravel()]
         for name, matrix in design.law._asdict().items()
@@ -53,8 +53,8 @@ def write(design: MuDesign, weights: MuWeights, path: Path) -> None:
     dump_all({"inner_loop": {"controller": "matrices", **law}, "outer_loop": position}, path)
     rounds = ", ".join(f"{peak:.3g}" for peak in design.peaks)
     head = (
-        "# Laws `mu`: output feedback for a set of aircraft, by D-K iteration, written by "
-        "scripts/write_mu_law.py.\n"
+        "# Control preset `mu`: output feedback for a set of aircraft, by D-K iteration, written "
+        "by scripts/write_mu_law.py.\n"
         f"# The set: roll and pitch stiffness +-{weights.stiffness:.0%}, flapping rate "
         f"+-{weights.flapping:.0%}, yaw +-{weights.yaw:.0%}; each servo\n"
         f"# +-{weights.input_low:.0%} (slow) to {weights.input_high:.0%} (fast), 100 % at about "
@@ -69,18 +69,18 @@ def write(design: MuDesign, weights: MuWeights, path: Path) -> None:
 
 
 def difference(inner: Mapping[str, Any], yielded: OutputLaw) -> str:
-    """A sentence if the law of the inner loop's parameters is not what the iteration yields.
+    """A sentence if the controller of the inner loop's parameters is not what the iteration yields.
 
-    Laws are held against each other by their responses: which states they are written in, and the
-    last digits, hang on the machine.
+    Controllers are held against each other by their responses: which states they are written in,
+    and the last digits, hang on the machine.
     """
     shipped = output_law(*(inner[f"law.{part}"] for part in OutputLaw._fields))
     orders = shipped.A.shape[0], yielded.A.shape[0]
     if orders[0] != orders[1]:
-        return f"laws mu: shipped with {orders[0]} states, the iteration yields {orders[1]}"
+        return f"controller mu: shipped with {orders[0]} states, the iteration yields {orders[1]}"
     ours, theirs = (_response(law) for law in (shipped, yielded))
     off = float(np.max(np.abs(ours - theirs)) / np.max(np.abs(theirs)))
-    return f"laws mu: off by {off:.2g} of what the iteration yields" if off > _SAME else ""
+    return f"controller mu: off by {off:.2g} of what the iteration yields" if off > _SAME else ""
 
 
 def _response(law: OutputLaw) -> np.ndarray:
@@ -90,7 +90,7 @@ def _response(law: OutputLaw) -> np.ndarray:
 
 
 def main() -> int:
-    """Exit code 2, with a sentence, where the iteration finds no law."""
+    """Exit code 2, with a sentence, where the iteration finds no controller."""
     arguments = sys.argv[1:]
     weights = MuWeights()
     try:
@@ -100,7 +100,7 @@ def main() -> int:
         return 2
     if arguments == ["--check"]:
         told = difference(resolve(laws="mu").nodes["inner_loop"], design.law)
-        print(told or "laws mu: shipped is what the iteration yields")
+        print(told or "controller mu: shipped is what the iteration yields")
         return 1 if told else 0
     write(design, weights, Path(arguments[0]) if arguments else FILE)
     return 0

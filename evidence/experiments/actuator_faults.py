@@ -144,8 +144,8 @@ def actuator_faults(results: Results) -> str:
             "off, m: median / worst", "turned, deg: worst"]  # fmt: skip
     return (
         f"{grid(head, rows)}\n\nSeeds {record['seeds'][0]} to {record['seeds'][-1]}, none of "
-        "those on which soft flight was made: hover at 10 m, "
-        f"world {record['world']}, default laws, "
+        "those on which the degraded mode was made: hover at 10 m, "
+        f"world {record['world']}, default controllers, "
         f"`failsafe.unfollowed_deg: [8.0, 5.5]`, the fault from {record['begin_s']:g} s on, flown "
         f"to {record['end_s']:g} s; where the attitude does not follow, "
         "it flies softly. Off and turned: largest distance and "

@@ -48,7 +48,7 @@ def settings(world: str, gps: str, wait_s: float, seed: int = 1) -> Settings:
 
 
 def lost_at(record: FlightRecord, period: int, limit_mps: float) -> int | None:
-    """Tick of the law's step at which the position counts as lost, in the air; None for none."""
+    """Tick of the controller's step at which the position is lost in the air; None for none."""
     assert record.nav_sigma_vel_mps is not None
     sigma = record.nav_sigma_vel_mps[::period, :2].max(axis=1)
     beyond = np.flatnonzero(sigma > limit_mps) * period

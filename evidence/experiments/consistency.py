@@ -40,7 +40,7 @@ SETTLED = ticks_in(5.0)
 
 @cache
 def settings_of(world: str, gps: str) -> tuple[Settings, AttitudeParams]:
-    """The hover test, and its law."""
+    """The hover test, and its controller."""
     settings = resolve("hover", gps, world=world)
     return settings, AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params
 

@@ -3,10 +3,10 @@
 
 Usage: ./heli python -m evidence.experiments.coupling [--seeds 1..10]
 
-Steps: in still air one axis is commanded, on three levels: the aircraft without a law, the attitude
-law, the whole loop. The answer is the difference to the same flight without the step, so that
-sensors' errors are out of it. Hover: coherence of the velocities' errors in the hover test's second
-phase, beside that of the wind that drives them.
+Steps: in still air one axis is commanded, on three levels: the aircraft without a controller, the
+attitude controller, the whole loop. The answer is the difference to the same flight without the
+step, so that sensors' errors are out of it. Hover: coherence of the velocities' errors in the hover
+test's second phase, beside that of the wind that drives them.
 """
 
 import math
@@ -228,18 +228,24 @@ def coupling(results: Results) -> str:
     head += [f"lag {a}, s" for a in axes]
     rows = []
     for step in record["steps"]:
-        laws = "" if step["level"] != LEVELS[2].name else f", laws {step['laws']}"
+        laws = "" if step["level"] != LEVELS[2].name else f", {step['laws']}"
         shares = step["shares"]
+        level = step["level"].replace("law", "controller")
         rows.append(
             [
-                f"{step['level']}{laws}",
+                f"{level}{laws}",
                 step["world"],
                 *(f"{100 * shares[i][j]:.0f}" for i in range(3) for j in range(3) if i != j),
                 *(f"{lag:.2f}" for lag in step["lag_s"]),
             ]
         )
     pairs = [f"{axes[i]}{axes[j]}" for i, j in PAIRS]
-    hover_head = ["world", "laws", *(f"velocity {p}" for p in pairs), *(f"wind {p}" for p in pairs)]
+    hover_head = [
+        "world",
+        "controller",
+        *(f"velocity {p}" for p in pairs),
+        *(f"wind {p}" for p in pairs),
+    ]
     hover = [
         [r["world"], r["laws"], *(f"{c:.2f}" for c in [*r["velocity"], *r["wind"]])]
         for r in record["hover"]
@@ -249,11 +255,12 @@ def coupling(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\n{grid(hover_head, hover)}\n\n"
         "Steps: peak of the other axis's velocity in percent of the commanded one's, in still air, "
-        "nominal aircraft; no law: actuators held but for d_lon, d_lat, d_col, over 1 s; attitude "
-        "law: theta, phi, collective, over 2 s; whole loop: 1 m/s, over 5 s. Lag: until the "
-        "commanded axis has half of its largest acceleration. Hover: mean magnitude-squared "
-        f"coherence from {low:g} to {high:g} Hz, from {record['from_s']:g} s on, truth, "
-        f"{results.seeds('coupling')}; independent axes have {by_chance['chance_mean']:.2f} in the "
+        "nominal aircraft; no controller: actuators held but for d_lon, d_lat, d_col, over 1 s; "
+        "attitude controller: theta, phi, collective, over 2 s; whole loop: 1 m/s, over 5 s. Lag: "
+        "until the commanded axis has half of its largest acceleration. Hover: mean "
+        f"magnitude-squared coherence from {low:g} to {high:g} Hz, from {record['from_s']:g} s on, "
+        f"truth, {results.seeds('coupling')}; independent axes have {by_chance['chance_mean']:.2f} "
+        "in the "
         f"mean and stay below {by_chance['chance_95']:.2f} at 95 % of the frequencies. "
         f"{world({k: [v] for k, v in record['conditions'].items()})}"
     )

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's hover test on aircraft up to 20 % off, law by law.
+"""The paper's hover test on aircraft up to 20 % off, for each controller.
 
 Usage: ./heli python -m evidence.experiments.dispersion [--control-preset hinf,lqr,pid]
                                     [--world NAME] [--flights N] [--workers N] [--rows DIR]
 
-Flies examples/campaign_paper.yaml under each file of laws: the same aircraft, winds and sensor
+Flies examples/campaign_paper.yaml under each control preset: the same aircraft, winds and sensor
 errors. `--world`, `--flights`: instead of the spec's. `--rows DIR`, or the variable HELI_ROWS,
-keeps the rows, a folder per law, and goes on with those that are there. Prints JSON: causes,
+keeps the rows, a folder per controller, and goes on with those that are there. Prints JSON: causes,
 failures with their interval, what goes with each figure, quantiles of each.
 """
 
@@ -96,7 +96,7 @@ def as_dict(campaign: CampaignFolder) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Exit code 2, with a sentence, for a law, folder or count that cannot be."""
+    """Exit code 2, with a sentence, for a controller, folder or count that cannot be."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--control-preset", default=LAWS)
     parser.add_argument("--world")
@@ -133,7 +133,7 @@ def main() -> int:
 produces(
     "dispersion",
     "./heli python -m evidence.experiments.dispersion",
-    "The paper's hover test on 10 000 aircraft up to 20 % off, law by law.",
+    "The paper's hover test on 10 000 aircraft up to 20 % off, for each controller.",
     tuple(range(1, 10_001)),
     MARGIN,
 )
@@ -160,8 +160,8 @@ _NAMED = 3
 
 @table("dispersion")
 def dispersion(results: Results) -> str:
-    """Of each world and law: how many fail, quantiles of the position's errors, what goes along."""
-    head = ["world", "laws", "flights", "outside", "at 95 %"]
+    """By world and controller: failures, quantiles of the position's errors, correlations."""
+    head = ["world", "controller", "flights", "outside", "at 95 %"]
     head += [f"{BY_KEY[key].label}, {BY_KEY[key].unit}" for key in SHOWN]
     head += ["the lateral error goes with"]
     rows = []
@@ -176,7 +176,7 @@ def dispersion(results: Results) -> str:
         f"With: inputs' rank correlations, the strongest, where chance makes them in less than 1 % "
         f"of cases. {first['spec']}: {first['scenario']}, {first['duration_s']:g} s, "
         f"{first['gps']}; "
-        f"each flight a seed of its own from 1 on, the same for all laws."
+        f"each flight a seed of its own from 1 on, the same for all controllers."
     )
 
 

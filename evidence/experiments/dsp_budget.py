@@ -5,9 +5,9 @@ Usage: ./heli python -m evidence.experiments.dsp_budget [--seeds 1..5]
 
 The paper flew a TMS320F2812 (section 1): 150 MHz, fixed point, 18 K words of 16 bit of RAM, 128 K
 of flash (TI, TMS320F2812 data manual, SPRS174). Operations of each part of a tick are counted by
-`evidence.counting`. Flown: the same hover test with every number that observer and laws keep from
-tick to tick, and every parameter, rounded to what such a processor would hold; what is worked out
-within a tick is not rounded. Errors are differences to the float64 flight of the same seed.
+`evidence.counting`. Flown: the same hover test with every number that observer and controllers keep
+from tick to tick, and every parameter, rounded to what such a processor would hold; what is worked
+out within a tick is not rounded. Errors are differences to the float64 flight of the same seed.
 """
 
 import json
@@ -128,7 +128,8 @@ def fly_rounded(settings: Settings, name: str) -> FlightRecord:
 
     def ticks(loop: AircraftInLoop, first: int, n: int, rows: Array, *rest: Any) -> tuple[int, int]:
         for i in range(n):
-            # One more is asked for than flown: `fly` ends where the law has changed its mode.
+            # One more is asked for than flown: `fly` ends where the controller has changed its
+            # mode.
             flown, status = flown_loop.fly(loop, first + i, 1, rows[i : i + 1], *rest)
             for array in kept:
                 array[...] = memory(array)
@@ -251,18 +252,18 @@ def dsp_budget(results: Results) -> str:
             ]
             for stage, part in parts.items()
         ]
-    head = ["laws: part of a tick", *KINDS, "busiest tick, % of its 10 ms", "mean tick, %"]
+    head = ["preset: part of a tick", *KINDS, "busiest tick, % of its 10 ms", "mean tick, %"]
     head += ["parameters, K words", "memory, K words"]
     flights = [
         [
-            f"{f['laws']}: {f['numbers']}",
+            f"{f['laws']}: {f['numbers'].replace('law', 'controller')}",
             f"{f['attitude_deg']:.1g}",
             f"{f['position_m']:.1g}",
             f"{f['actuator']:.1g}",
         ]
         for f in record["flown"]
     ]
-    flown_head = ["laws: numbers", "attitude, deg", "position, m", "actuators, of 1"]
+    flown_head = ["preset: numbers", "attitude, deg", "position, m", "actuators, of 1"]
     return (
         f"{grid(head, rows)}\n\n{grid(flown_head, flights)}\n\n"
         f"First table: operations of the busiest tick of each part; cycles of {available:.3g} a "

@@ -179,12 +179,11 @@ def failsafes(results: Results) -> str:
         rows.append([row["fault"], row["gps"], str(row["lost"]), off, goal, *down])
     return (
         f"{grid(head, rows)}\n\nOf {len(record['seeds'])} flights each (seeds {record['seeds'][0]} "
-        f"to {record['seeds'][-1]}): hover at 10 m, world {record['world']}, default laws, the "
-        f"fault "
-        f"from {record['begin_s']:g} s on, {record['end_s']:g} s long, {record['landed_s']:g} s "
-        f"where "
-        f"it should land by itself. Off: largest distance from the same flight without the fault, "
-        f"from truth, until the landing begins. Down: flights that came to stand by themselves; "
+        f"to {record['seeds'][-1]}): hover at 10 m, world {record['world']}, default controllers, "
+        f"the fault from {record['begin_s']:g} s on, {record['end_s']:g} s long, "
+        f"{record['landed_s']:g} s where it should land by itself. Off: largest "
+        "distance from the same flight without the fault, from truth, until the landing begins. "
+        "Down: flights that came to stand by themselves; "
         f"time from the fault, speed of the touch-down and distance from the place: worst."
     )
 

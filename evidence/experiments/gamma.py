@@ -3,10 +3,10 @@
 
 Usage: ./heli python -m evidence.experiments.gamma [--seeds 1..10]
 
-Every variant is flown by the laws `hinf` in the scenario `attitude_gusts` with RTK, in the world
-`paper`, whose aircraft is the model, and in `honest`, whose rotor flaps back; errors are of truth,
-in the scored window. Beside them: gamma*, and how much of wind comes through to the angles and to
-the commands at the worst frequency, by the linear model without servos, delay and observer.
+Every variant is flown by the controller `hinf` in the scenario `attitude_gusts` with RTK, in the
+world `paper`, whose aircraft is the model, and in `honest`, whose rotor flaps back; errors are of
+truth, in the scored window. Beside them: gamma*, and how much of wind comes through to the angles
+and to the commands at the worst frequency, by the linear model without servos, delay and observer.
 """
 
 import sys

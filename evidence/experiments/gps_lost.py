@@ -202,7 +202,7 @@ def gps_lost(results: Results) -> str:
     n = len(record["seeds"])
     return (
         f"{grid(head, rows)}\n\nHover at 10 m, the last fix after {record['fixes_s']:g} s, default "
-        f"laws; median / worst of {n} flights that nothing was tuned on "
+        f"controllers; median / worst of {n} flights that nothing was tuned on "
         f"({results.seeds('gps_lost')}). Truth: horizontal distance from the place that is to be "
         f"held, {record['lost_s']:g} s after the last fix; goal {record['goal_m']:g} m. Stands, "
         f"away: fixes lost for good, of {n} flights; distance from that place where it comes to "

@@ -38,5 +38,5 @@ def graph(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nMedians of {record['rounds']} rounds in turn; flights of "
         f"{record['seconds']:g} s, scenario hover, world paper, seed 1, standalone receiver, "
-        f"packaged laws, recorded; {machine(record)}."
+        f"packaged controllers, recorded; {machine(record)}."
     )

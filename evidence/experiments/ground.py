@@ -196,8 +196,8 @@ def critical(lift: float) -> dict[str, float]:
 def side_stick(stick: float, limit_deg: float) -> dict[str, Any]:
     """Stick to the right at 90 % of the weight with the skid caught; collective down at a tilt.
 
-    40 ms pass until the collective is commanded down; the cyclic then fades as that of a law at
-    rest does.
+    40 ms pass until the collective is commanded down; the cyclic then fades as that of a controller
+    at rest does.
     """
     aircraft = HelicopterParameters.from_yaml("helion.yaml")
     light = float(lifting(aircraft, 0.9)[PLANT.servo_col])
@@ -287,7 +287,7 @@ def touch_downs(results: Results) -> str:
         for row in record["stands"]
     )
     return (
-        f"{grid(head, rows)}\n\nDefault aircraft, no law, still air, from hover's attitude; "
+        f"{grid(head, rows)}\n\nDefault aircraft, no controller, still air, from hover's attitude; "
         "the collective goes to idle within 0.5 s from the first touch on. The bounce is the air "
         "below the lowest skid end after it, the skid the way along the ground in 5 s. Standing "
         f"10 s at idle in gusty wind of 5 m/s, seeds {record['seeds'][0]} to "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The laws in the attitude test.
+"""The controllers in the attitude test.
 
 A command of `heli` flies it.
 """
@@ -14,13 +14,13 @@ from evidence.tables import LAWS, grid, world
 produces(
     "laws",
     "./heli compare attitude --seeds 1..20 --ideal-navigation --json",
-    "The laws in the attitude test.",
+    "The controllers in the attitude test.",
     TWENTY,
 )
 produces(
     "laws_gusts",
     "./heli compare attitude --seeds 1..20 --ideal-navigation --json --gusts",
-    "The laws in the attitude test with gusts.",
+    "The controllers in the attitude test with gusts.",
     TWENTY,
 )
 produces(
@@ -42,7 +42,7 @@ _AXES = ("roll", "pitch")
 
 
 _RIVALS = ("hinf_output", "hinf")
-"""Laws whose wins over the PID the short comparison counts."""
+"""Controllers whose wins over the PID the short comparison counts."""
 
 
 # Rows of the short comparison: name, result file, what the error is taken from.
@@ -56,7 +56,7 @@ _TESTS = (
 
 @table("laws")
 def laws(results: Results) -> str:
-    """Largest error of each law, and who wins on how many seeds."""
+    """Largest error of each controller, and who wins on how many seeds."""
     head = ["error", "test", *LAWS.values(), *(f"{LAWS[law]} smaller than PID" for law in _RIVALS)]
     rows = []
     for i, axis in enumerate(_AXES):
@@ -76,7 +76,7 @@ def laws(results: Results) -> str:
             )
     return (
         f"{grid(head, rows)}\n\nLargest error from truth over {results.seeds('laws')}, deg, 5 s to "
-        "60 s. The laws do not know of the flap-back.\n"
+        "60 s. The controllers do not know of the flap-back.\n"
         f"{_world_of_laws(results)}"
     )
 
@@ -92,8 +92,8 @@ def _world_of_laws(results: Results) -> str:
 
 @table("laws_in_full")
 def laws_in_full(results: Results) -> str:
-    """As `laws`, by navigation record, truth and ideal navigation, each law against the PID."""
-    head = ["test", "law", *(f"{axis}, {IN_WHAT[s]}" for s in IN_WHAT for axis in _AXES)]
+    """As `laws`, by state estimate, truth and ideal navigation, each against the PID."""
+    head = ["test", "controller", *(f"{axis}, {IN_WHAT[s]}" for s in IN_WHAT for axis in _AXES)]
     rows = []
     tests = {"laws": "no gusts", "laws_gusts": "gusts", "laws_flap_back": "gusts, flap-back"}
     for file, name in tests.items():
@@ -111,13 +111,13 @@ def laws_in_full(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nLargest error over {results.seeds('laws')}, deg, and on how many "
         f"of them it is below the PID's. Flap-back: "
-        f"{results['laws_flap_back']['flap_back_radpmps']:g} rad s/m, unknown to the laws.\n"
+        f"{results['laws_flap_back']['flap_back_radpmps']:g} rad s/m, unknown to the controllers.\n"
         f"{_world_of_laws(results)}"
     )
 
 
 def _errors(results: Mapping[str, Any], law: str, source: str, axis: int) -> list[float]:
-    """Largest error of a law by seed; inf if the helicopter was lost."""
+    """Largest error of a controller by seed; inf if the helicopter was lost."""
     flights = {
         flight["seed"]: float("inf") if flight["lost"] else flight["max_deg"][axis]
         for flight in results["flights"]
@@ -127,7 +127,7 @@ def _errors(results: Mapping[str, Any], law: str, source: str, axis: int) -> lis
 
 
 def _won(errors: Sequence[float], others: Sequence[float]) -> int:
-    """On how many seeds a law's error is smaller than another's."""
+    """On how many seeds a controller's error is smaller than another's."""
     return sum(a < b for a, b in zip(errors, others, strict=True))
 
 

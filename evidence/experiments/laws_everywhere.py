@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every file of laws in the worlds and on perturbed aircraft.
+"""Every control preset in the worlds and on perturbed aircraft.
 
 A command of `heli` flies it.
 """
@@ -17,7 +17,7 @@ from heli_studies.compare import AXES
 produces(
     "laws_everywhere",
     "./heli compare laws --seeds 1..20,2001..2020 --n 60 --json",
-    "Every file of laws in the worlds and on perturbed aircraft.",
+    "Every control preset in the worlds and on perturbed aircraft.",
     (*TWENTY, *range(2001, 2021)),
 )
 
@@ -27,7 +27,7 @@ _ACTUATORS = {"roll": "d_lat", "pitch": "d_lon"}
 
 @table("laws_everywhere")
 def laws_everywhere(results: Results) -> str:
-    """Worst, median, rms and seeds won of every law at every place; the best of each in bold."""
+    """Worst, median, rms and seeds won of every controller in every case; the best in bold."""
     record = results["laws_everywhere"]
     rows, won = [], {law: dict.fromkeys(compare_flights.FIGURES, 0) for law in record["laws"]}
     for place in record["places"]:
@@ -52,7 +52,7 @@ def laws_everywhere(results: Results) -> str:
 
 
 def _travel(results: Mapping[str, Any], axis: str, name: str) -> list[str]:
-    """What an actuator moves in a second under each law: over all places, least to most."""
+    """What an actuator moves in a second under each controller: over all places, least to most."""
     cells = []
     for law in results["laws"]:
         moved = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every file of laws in the hover test, in three worlds: attitude, place, actuators, margins; JSON.
+"""Every control preset in the hover test, in three worlds: errors, actuators, margins; JSON.
 
 Usage: ./heli python -m evidence.experiments.laws_hover [--seeds 1..40]
 
@@ -73,7 +73,7 @@ def flown(world: str, law: str, seed: int) -> dict[str, Any] | None:
 
 
 def row(place: Place[dict[str, Any] | None], default: list[Any]) -> dict[str, Any]:
-    """What a law flew in a world; on how many seeds its attitude is below the default's."""
+    """What a controller flew in a world; on how many seeds its attitude is below the default's."""
     kept = [flight for flight in place.flights if flight is not None]
     errors = np.array([flight["hover"] for flight in kept])
     attitude = np.array([flight["attitude"] for flight in kept])
@@ -115,7 +115,7 @@ def margins_of(law: str) -> dict[str, Any]:
     """Linear: how fast commands are followed, margins of the attitude loop, of the axes around."""
     settings = settings_of(law, "honest")
     attitude, loop = margins_as_flown(settings.nodes), loop_as_flown(settings.nodes)
-    assert attitude is not None and loop is not None  # of the packaged laws they are known
+    assert attitude is not None and loop is not None  # of the packaged controllers they are known
     found, gains = variants(settings)
     return {
         "law": law,
@@ -153,7 +153,7 @@ def experiment(options: Options) -> dict[str, Any]:
 produces(
     "laws_hover",
     "./heli python -m evidence.experiments.laws_hover --seeds 1..40",
-    "Every file of laws in the hover test: attitude, place, actuators, margins.",
+    "Every control preset in the hover test: attitude, place, actuators, margins.",
     tuple(range(1, 41)),
     MARGIN,
 )
@@ -161,10 +161,10 @@ produces(
 
 @table("laws_hover")
 def laws_hover(results: Results) -> str:
-    """Attitude, place and actuators of the hover, world by world and law by law."""
+    """Attitude, place and actuators of the hover, world by world and for each controller."""
     record = results["laws_hover"]
-    head = ["world, law", "roll, deg", "pitch, deg", f"inside {ATTITUDE_DEG}", "below default's",
-            "behind its command, deg", *(f"{m.label}, {m.unit}" for m in HOVER),
+    head = ["world, controller", "roll, deg", "pitch, deg", f"inside {ATTITUDE_DEG}",
+            "below default's", "behind its command, deg", *(f"{m.label}, {m.unit}" for m in HOVER),
             "inside the paper's", "half, quarter", "travel of d_lat, d_lon, d_col, 1/s",
             "lost"]  # fmt: skip
     body = [
@@ -196,9 +196,10 @@ def laws_hover(results: Results) -> str:
 
 @table("laws_hover_margins")
 def laws_hover_margins(results: Results) -> str:
-    """Lag and margins of every law."""
-    head = ["law", "lag of pitch, roll, s", "disk margin, input / output", "further delay, ms",
-            "position loop, as modelled", "a tick later and servos 30 % slower"]  # fmt: skip
+    """Lag and margins of every controller."""
+    head = ["controller", "lag of pitch, roll, s", "disk margin, input / output",
+            "further delay, ms", "position loop, as modelled",
+            "a tick later and servos 30 % slower"]  # fmt: skip
     body = [
         [
             r["law"],
@@ -211,12 +212,12 @@ def laws_hover_margins(results: Results) -> str:
     ]
     return (
         f"{grid(head, body)}\n\nLinear. Of the position loop: disk margin of forward, right, down "
-        "about the trim in the mean wind of `honest`, with the law's own gains."
+        "about the trim in the mean wind of `honest`, with the controller's own gains."
     )
 
 
 def draw(content: dict[str, Any], path: Path) -> None:
-    """Attitude and place of every law in the three worlds: median, line up to the worst."""
+    """Attitude and place of every controller in the three worlds: median, line up to the worst."""
     from matplotlib import colormaps
 
     from heli_flight.report.figures import picture

@@ -156,8 +156,8 @@ def links(results: Results) -> str:
         ])  # fmt: skip
     return (
         f"{grid(head, rows)}\n\nOf {len(record['seeds'])} flights each (seeds {record['seeds'][0]} "
-        f"to {record['seeds'][-1]}): hover at 10 m, world {record['world']}, default laws, one "
-        f"process, the fault from {record['begin_s']:g} s on, {record['end_s']:g} s long. Off: "
+        f"to {record['seeds'][-1]}): hover at 10 m, world {record['world']}, default controllers, "
+        f"one process, the fault from {record['begin_s']:g} s on, {record['end_s']:g} s long. Off: "
         "largest distance from the same flight without the fault; from its place: from the first "
         "reference; both from truth, lost ones among them until they are. Gave up its place: the "
         "position counted as lost meanwhile, and another one was held when it was found again."

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Print what the laws `hinf` are worth: gamma*, norms, margins, observer gains, PID, as JSON.
+"""Print of the controller `hinf` gamma*, norms, margins, observer gains, PID, as JSON.
 
 Usage: ./heli python -m evidence.experiments.loops
 
 The loops are those of `heli design`, and besides: as flown without prediction, by LQR, with an
-offset-free target, and by the law of default. Nothing is flown.
+offset-free target, and by the controller of default. Nothing is flown.
 """
 
 import json
@@ -84,7 +84,7 @@ def loops(design: FinishedDesign, parameters: Mapping[str, Any]) -> list[dict[st
 
 
 def default_loop() -> dict[str, Any]:
-    """What flies if no laws are named."""
+    """What flies if no controllers are named."""
     design = make_design()
     name = f"as flown, {design.attitude.controller} (default)"
     return loop_row(name, design.reports[-1], design.further_delay_s)
@@ -157,7 +157,7 @@ def main() -> int:
 produces(
     "loops",
     "./heli python -m evidence.experiments.loops",
-    "Norms and margins of the laws hinf, their observer and the PID; those of the default.",
+    "Norms and margins of the controller hinf, their observer and the PID; those of the default.",
     relative=MARGIN,
 )
 
@@ -167,7 +167,7 @@ _CHANNELS = ("d_lat", "d_lon", "d_ped")
 
 @table("loops")
 def loops_table(results: Results) -> str:
-    """Norms and margins of the laws `hinf`, and of the default as flown."""
+    """Norms and margins of the controller `hinf`, and of the default as flown."""
     record = results["loops"]
     head = ["loop", "norm wind -> h", "disk margin, input", "disk margin, output"]
     head += [f"gain / phase margin {channel}" for channel in _CHANNELS]

@@ -140,7 +140,7 @@ def mte(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nOf {len(record['seeds'])} flights each, {results.seeds('mte')}, "
         f"the "
-        "default law; worst values by ground truth, in brackets where the worst is only "
+        "default controller; worst values by ground truth, in brackets where the worst is only "
         "adequate, in bold where it is neither. Refused: "
         f"{'; '.join(refused)}. {world(flown_in)}"
     )

@@ -67,7 +67,7 @@ def rms(values: list[np.ndarray]) -> list[float]:
 
 @cache
 def settings_of(world: str, gps: str, cause: str) -> tuple[Settings, AttitudeParams]:
-    """The hover test with a cause taken out, and its law."""
+    """The hover test with a cause taken out, and its controller."""
     changes = {"plant": {f"sensors.{key}": value for key, value in CAUSES[cause].items()}}
     settings = resolve("hover", gps, world=world, overrides=changes)
     return settings, AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params

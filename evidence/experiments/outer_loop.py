@@ -87,7 +87,7 @@ def variants(settings: Settings) -> tuple[dict[str, Sequence[Axis]], Sequence[Ga
     nodes = settings.nodes
     config = AttitudeConfig.from_parameters(nodes["inner_loop"])
     attitude = loop_as_flown(nodes)
-    assert attitude is not None  # of the packaged laws it is known
+    assert attitude is not None  # of the packaged controllers it is known
     around = position_axes(nodes["plant"], nodes["outer_loop"], attitude, model_of(config))
     as_is = config.actuation
     late = replace(as_is, delay_s=as_is.delay_s + TICK_S)

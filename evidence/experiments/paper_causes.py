@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands between the paper's laws and its figures, one cause at a time; JSON.
+"""What stands between the paper's controllers and its figures, one cause at a time; JSON.
 
 Usage: ./heli python -m evidence.experiments.paper_causes [--seeds 1..10] [--worlds paper,honest]
 
-The laws `paper` in both tests with RTK, largest errors from truth; the loop is the linear one
-of the aircraft that the laws know.
+The preset `paper` in both tests with RTK, largest errors from truth; the loop is the linear
+one of the aircraft that the controllers know.
 """
 
 import sys
@@ -69,7 +69,7 @@ def loop_row(cause: Cause, settings: Settings) -> dict[str, Any]:
     if cause.ideal:
         return {}
     loop = loop_as_flown(settings.nodes, cause.actuation)
-    assert loop is not None  # of the laws `paper` it is known
+    assert loop is not None  # of the preset `paper` it is known
     report = analyse(loop)
     return {
         "norm": report.norm,
@@ -128,7 +128,7 @@ def experiment(options: Options, worlds: Sequence[str]) -> dict[str, Any]:
 produces(
     "paper_causes",
     "./heli python -m evidence.experiments.paper_causes --seeds 1..10",
-    "What stands between the paper's laws and its figures, one cause at a time.",
+    "What stands between the paper's controllers and its figures, one cause at a time.",
     tuple(range(1, 11)),
     MARGIN,
 )
@@ -136,7 +136,7 @@ produces(
 
 @table("paper_causes")
 def paper_causes(results: Results) -> str:
-    """The laws `paper`, as they fly and with one cause taken away, beside the paper."""
+    """The preset `paper`, as they fly and with one cause taken away, beside the paper."""
     record = results["paper_causes"]
     metrics = [(test, metric) for test in ("hover", "attitude") for metric in METRICS[test]]
     head = ["world, without", "norm", "disk margin in / out"]
@@ -158,8 +158,9 @@ def paper_causes(results: Results) -> str:
             ]
         )
     return (
-        f"{grid(head, rows)}\n\nLaws `paper`, RTK. Largest error from truth in the scored windows, "
-        f"{results.seeds('paper_causes')}; flights inside, of {len(record['seeds'])}, count the "
+        f"{grid(head, rows)}\n\nPreset `paper`, RTK. Largest error from truth in the scored "
+        f"windows, {results.seeds('paper_causes')}; flights inside, of {len(record['seeds'])}, "
+        "count the "
         f"state estimate, too. {world({k: [v] for k, v in record['conditions'].items()})}"
     )
 

@@ -3,7 +3,7 @@
 
 Usage: ./heli python -m evidence.experiments.paper_trim [--seeds 1..5]
 
-Its laws are designed for it, with the packaged weights (`heli design --aircraft`).
+Its controllers are designed for it, with the packaged weights (`heli design --aircraft`).
 """
 
 import sys
@@ -129,8 +129,8 @@ def paper_trim(results: Results) -> str:
         f"{grid(['', 'the paper, Table 1', 'paper_trim'], trims)}\n\n"
         f"{grid(['solved for it', 'HeLion', 'paper_trim'], numbers)}\n\n"
         f"{grid(head, flights)}\n\n"
-        f"Trim: no entry is further off than {furthest:.1g}. Hover test, default laws designed for "
-        f"it, largest by the state estimate in the scored windows (the paper's), "
+        f"Trim: no entry is further off than {furthest:.1g}. Hover test, default controllers "
+        f"designed for it, largest by the state estimate in the scored windows (the paper's), "
         f"{results.seeds('paper_trim')}. {world({'hover test': record['conditions']})}"
     )
 

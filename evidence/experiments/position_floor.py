@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the hover is from what any linear position law could reach; JSON.
+"""How far the hover is from what any linear position controller could reach; JSON.
 
 Usage: ./heli python -m evidence.experiments.position_floor [--seeds 1..8]
 
 Standard deviations in the turbulence of each world, as designed axis by axis: of the best linear
-law with perfect actuators, behind the attitude loop as flown, and if the gust itself were read; of
-the packaged law as predicted; and as flown, after the climb, about the mean. Then largest errors of
-the hover test with the nose into the wind, and of aircraft 30 % off in what the loop knows.
+controller with perfect actuators, behind the attitude loop as flown, and if the gust itself were
+read; of the packaged controller as predicted; and as flown, after the climb, about the mean. Then
+largest errors of the hover test with the nose into the wind, and of aircraft 30 % off in what the
+loop knows.
 """
 
 import sys
@@ -46,16 +47,16 @@ def loop_of(settings: Settings) -> PositionLoop:
     nodes = settings.nodes
     config = AttitudeConfig.from_parameters(nodes["inner_loop"])
     attitude = loop_as_flown(nodes)
-    assert attitude is not None  # of the packaged laws it is known
+    assert attitude is not None  # of the packaged controllers it is known
     return position_loop(
         nodes["plant"], nodes["outer_loop"], attitude, model_of(config), config.actuation
     )
 
 
 def floors(axis: Axis, gains: Gains) -> dict[str, list[float]]:
-    """Position, m, and speed, m/s, of each law that is compared."""
+    """Position, m, and speed, m/s, of each controller that is compared."""
     predicted = deviations(axis, gains)
-    assert predicted is not None  # the packaged law is stable
+    assert predicted is not None  # the packaged controller is stable
     return {
         "perfect_actuators": list(limits_of_performance(axis)),
         "as_flown": list(limits_of_performance(axis, at_once=False)),
@@ -105,7 +106,7 @@ def largest(place: Place[FlownSeed]) -> dict[str, Any]:
 
 
 def axes_of(place: Place[np.ndarray]) -> list[dict[str, Any]]:
-    """A row for each axis: the laws' floors, what is predicted, what is flown."""
+    """A row for each axis: the controllers' floors, what is predicted, what is flown."""
     settings = resolve("hover", GPS, **place.point)
     loop, kernel = loop_of(settings), outer_params(settings.nodes["outer_loop"])
     measured = np.sqrt(np.mean(place.flights, axis=0))
@@ -140,7 +141,7 @@ def experiment(options: Options) -> dict[str, Any]:
 produces(
     "position_floor",
     "./heli python -m evidence.experiments.position_floor --seeds 1..8",
-    "The hover beside the least that any linear position law leaves; nose into the wind; "
+    "The hover beside the least that any linear position controller leaves; nose into the wind; "
     "mass, thrust, servos, drag 30 % off.",
     tuple(range(1, 9)),
     MARGIN,
@@ -158,7 +159,7 @@ _LAWS = {
 
 @table("position_floor")
 def position_floor(results: Results) -> str:
-    """Standard deviations of the best laws beside those that are predicted and flown."""
+    """Standard deviations of the best controllers beside those that are predicted and flown."""
     record = results["position_floor"]
     rows = [
         [

@@ -22,9 +22,9 @@ produces(
 
 @table("published_plants")
 def published_plants(results: Results) -> str:
-    """Inside the paper's figures, largest errors, lost, by aircraft, law and world."""
+    """Inside the paper's figures, largest errors, lost, by aircraft, controller and world."""
     head = [
-        "aircraft, law, world",
+        "aircraft, controller, world",
         "inside the paper's figures",
         *(f"{a}, m" for a in AXES),
         "lost",
@@ -49,7 +49,7 @@ def published_plants(results: Results) -> str:
 @table("published_plants_designs")
 def designs(results: Results) -> str:
     """Bound, its infimum and margins of each design, with the aircraft's own delay."""
-    head = ["aircraft", "delay, ms", "fastest unstable pole, 1/s", "law", "gamma / gamma*",
+    head = ["aircraft", "delay, ms", "fastest unstable pole, 1/s", "controller", "gamma / gamma*",
             "disk margin, input / output"]  # fmt: skip
     return grid(head, [_design(row) for row in results["published_plants"]["designs"]])
 

@@ -45,7 +45,7 @@ def flown(gps: str, rate_hz: int, seed: int) -> dict[str, Any]:
 
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
-    """Largest figures over the seeds, how often all are inside, and what the law is worth."""
+    """Largest errors over the seeds, how often all are inside, and the controller's margins."""
     scenario, largest = settings(**place.point), dict[str, float]()
     for flight in place.flights:
         for key, value in flight["max"]:
@@ -103,7 +103,7 @@ def rates(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('rates')} in the scored windows, one "
-        f"process, world honest, packaged laws; inside the paper's figures, lost: of "
+        f"process, world honest, packaged controllers; inside the paper's figures, lost: of "
         f"{len(record['seeds'])} flights. A seed's noise is drawn per sample, so at another "
         f"rate it "
         "is another flight in air of the same kind. Disk margins: of the attitude loop as flown, "

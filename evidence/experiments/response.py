@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Responses of the attitude loop to sweeps and steps flown in calm air, by law; JSON.
+"""Responses of the attitude loop to sweeps and steps flown in calm air, by controller; JSON.
 
 Usage: ./heli python -m evidence.experiments.response [--seeds 1..5]
 
@@ -123,7 +123,7 @@ def steps(laws: str, axis: str, flights: Sequence[Responses]) -> list[dict[str, 
 
 
 def row(place: Place[Responses]) -> dict[str, Any]:
-    """Measures of an axis under a law, flown and by the linear model."""
+    """Measures of an axis under a controller, flown and by the linear model."""
     laws, axis = place.point.values()
     settings = settings_of("attitude_sweep", laws, axis)
     responses = [flight.command for flight in place.flights]
@@ -160,7 +160,7 @@ def experiment(options: Options) -> dict[str, Any]:
 produces(
     "response",
     "./heli python -m evidence.experiments.response --seeds 1..5",
-    "Responses of the attitude loop to sweeps and steps, by law.",
+    "Responses of the attitude loop to sweeps and steps, by controller.",
     tuple(range(1, 6)),
     MARGIN,
 )
@@ -168,10 +168,10 @@ produces(
 
 @table("response")
 def response(results: Results) -> str:
-    """Bandwidth, phase delay, quickness and disturbance rejection by law and axis."""
+    """Bandwidth, phase delay, quickness and disturbance rejection by controller and axis."""
     record = results["response"]
     head = [
-        "law, axis",
+        "controller, axis",
         "bandwidth, rad/s",
         "6 dB of gain, rad/s",
         "phase delay, s",

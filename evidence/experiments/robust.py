@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The proof of the packaged attitude law over the named set of aircraft, and other laws beside it.
+"""The proof of the packaged attitude controller over a set of aircraft, and others beside it.
 
 Usage: ./heli python -m evidence.experiments.robust [--control-preset hinf,pid,lqg,mu]
 
-The packaged law: all that `heli robust --fly` finds. Of the others the worst aircraft found at each
-delay, sampled exactly; no proof, which costs most of the time. Prints JSON.
+The packaged controller: all that `heli robust --fly` finds. Of the others the worst aircraft found
+at each delay, sampled exactly; no proof, which costs most of the time. Prints JSON.
 """
 
 import argparse
@@ -55,7 +55,7 @@ def onsets(laws: str, aircraft: AircraftSet, asked: AircraftRanges) -> dict[str,
 
 
 def main() -> int:
-    """Exit code 2, with a sentence, where the packaged law cannot be proved at all."""
+    """Exit code 2, with a sentence, where the packaged controller cannot be proved at all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--control-preset", default="hinf,pid,lqg,mu")
     words = with_new_names(sys.argv[1:], {"--control-preset": 1}, parser.prog)
@@ -78,7 +78,7 @@ def main() -> int:
 produces(
     "robust",
     "./heli python -m evidence.experiments.robust",
-    "The proof of the packaged attitude law over the named set, other laws beside it.",
+    "The proof of the packaged attitude controller over the named set, others beside it.",
     relative=MARGIN,
     # How many pieces a proof takes, and how clear it is, hang on rounding.
     loose={"pieces": NOT_COMPARED, "largest_psi": NOT_COMPARED},
@@ -87,14 +87,14 @@ produces(
 
 @table("robust")
 def robust(results: Results) -> str:
-    """What is proved of the packaged law over the named set, and where other laws lose it."""
+    """What is proved of the packaged controller over the set, and where others lose it."""
     record = results["robust"]
     packaged = record["packaged"]
     head = ["transport delay, ticks", *(str(case["delay_ticks"]) for case in packaged["cases"])]
     rows = [
         [name, *(_size(case[key]) for case in packaged["cases"])]
         for name, key in (
-            ("packaged law: proved stable up to", "margin_proved"),
+            ("packaged controller: proved stable up to", "margin_proved"),
             ("unstable, worst aircraft found, at", "margin_at_most"),
             ("the same, sampled exactly", "exact_onset"),
             ("the same, flown (nonlinear)", "flown_onset"),

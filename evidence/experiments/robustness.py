@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nominal aircraft's laws on aircraft that differ from it.
+"""The nominal aircraft's controllers on aircraft that differ from it.
 
 A command of `heli` flies it.
 """
@@ -14,7 +14,7 @@ from evidence.tables import LAWS, grid, world
 produces(
     "robustness",
     "./heli compare robustness --n 200 --json",
-    "The nominal aircraft's laws on aircraft that differ from it.",
+    "The nominal aircraft's controllers on aircraft that differ from it.",
     tuple(range(1, 201)),
 )
 

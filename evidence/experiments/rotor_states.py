@@ -5,8 +5,8 @@ Usage: ./heli python -m evidence.experiments.rotor_states [--seeds 1..5]
 
 Two kinds of ablation. Of the world: the hover test is flown with one thing less or more. Of what
 eq. (19) is told: the recorded flights are given to it again with something changed; what flies does
-not know. Errors from truth from 8 s on, RTK, default laws. Beside each error stands that of a
-constant, the trim: what a law that never asked eq. (19) would take for the states.
+not know. Errors from truth from 8 s on, RTK, default controllers. Beside each error stands that of
+a constant, the trim: what a controller that never asked eq. (19) would take for the states.
 """
 
 import sys
@@ -277,8 +277,8 @@ def rotor_states(results: Results) -> str:
         f"{grid(head, flown_rows)}\n\n"
         f"{grid(['the same flights, told', *head[1:]], told_rows)}\n\n"
         "Error of eq. (19), rms over time and flights (of which bias: mean over the flights of "
-        "the size of a flight's mean error) / error of a constant, the trim of the laws. Bold: "
-        f"worse than the constant. From {record['from_s']:g} s on, default laws, "
+        "the size of a flight's mean error) / error of a constant, the trim of the controllers. "
+        f"Bold: worse than the constant. From {record['from_s']:g} s on, default controllers, "
         f"{results.seeds('rotor_states')}; a_s and b_s in mrad, d_int in thousandths. This "
         "flight's own trim: means of outputs, commands and states, known only afterwards. Constant "
         "disturbances beside: an unknown constant rate of a_s and of b_s is estimated with them, "

@@ -92,7 +92,7 @@ def trim_table(results: Results) -> str:
         f"thrust over the weight: {tail['paper']:.4f} there, {tail['ours']:.4f} here, "
         f"{np.round(100 * record['torque_share']):.0f} % of it. So that aircraft has less torque "
         "for its weight or a longer tail: at our torque and weight a lever of "
-        f"{lever['paper']:.2f} m in the place of {lever['ours']:.2f} m."
+        f"{lever['paper']:.2f} m in place of {lever['ours']:.2f} m."
     )
 
 

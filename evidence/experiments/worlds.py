@@ -21,7 +21,7 @@ produces(
 produces(
     "worlds_paper",
     "./heli compare worlds --control-preset paper --seeds 1..20,2001..2020 --json",
-    "The hover test in the worlds under the paper's own laws.",
+    "The hover test in the worlds under the paper's own controllers.",
     (*TWENTY, *range(2001, 2021)),
 )
 produces(
@@ -43,7 +43,7 @@ def worlds(results: Results) -> str:
 
 @table("worlds_paper")
 def worlds_paper(results: Results) -> str:
-    """The same under the paper's own laws."""
+    """The same under the paper's own controllers."""
     return _table(results, "worlds_paper")
 
 

@@ -28,7 +28,7 @@ DESCRIPTIVE = {
     "| topic | type | direction | rate |",
     "| command | what it does | exit code |",
     "| module | what it holds |",
-    "| file | what | how sure |",
+    "| file | what | quality of the data |",
     "| name | action | task |",
     "| name | args | what happens |",
     "| call | gives |",
@@ -57,7 +57,7 @@ DESCRIPTIVE = {
     "| `--mte` | paragraph | time, s | position or track, ft | altitude or height, ft "
     "| heading, deg | besides |",
     "| measure | definition | Level 1, Level 2 |",
-    "| sensor | error | law | parameters `sensors.*` |",
+    "| sensor | error | model | parameters `sensors.*` |",
     "| name | aircraft | published | what is ours |",
 }
 

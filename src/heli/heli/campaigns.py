@@ -147,13 +147,13 @@ def campaign(
     seeds : "1..20", or integers, optional
         Of the flights of one scenario.
     workers : int
-        So many processes; 0: this one. A law in Python comes along, a lambda, too; a script that
-        flies on workers does so below `if __name__ == "__main__":`.
+        So many processes; 0: this one. A controller in Python comes along, a lambda, too; a script
+        that flies on workers does so below `if __name__ == "__main__":`.
     quiet : bool
         True: no progress.
     **options
-        Of seeds: scenario, gps, world, laws, controller, duration_s, params, faults, law, as of
-        `heli.fly`.
+        Of seeds: scenario, gps, world, controllers, controller, duration_s, params, faults,
+        controller, as of `heli.fly`.
 
     Returns
     -------
@@ -249,8 +249,9 @@ class SeedFlights:
             return vars(self) | {"law": dumps(self.law)}
         except Exception as error:
             raise LawError(
-                f"law {type(self.law).__name__}: cannot be sent to workers: {in_one_line(error)}; "
-                "allowed: workers=0, or a law in a file, law='my_law.py:NAME'"
+                f"controller {type(self.law).__name__}: cannot be sent to workers: "
+                f"{in_one_line(error)}; allowed: workers=0, or a controller in a file, "
+                "law='my_law.py:NAME'"
             ) from error
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -259,7 +260,7 @@ class SeedFlights:
         try:
             law = loads(state["law"])
         except Exception as error:
-            raise LawError(f"law: a worker cannot load it: {in_one_line(error)}") from error
+            raise LawError(f"controller: a worker cannot load it: {in_one_line(error)}") from error
         self.__dict__.update(state | {"law": law})
 
 
@@ -317,7 +318,7 @@ def draw(rows: Campaign, metrics: Sequence[PaperMetric], title: str) -> Figure:
 def _row(settings: Any, law: Any) -> dict[str, Any]:
     begun = {"seed": settings.seed}
     try:
-        # Made anew: a law remembers.
+        # Made anew: a controller remembers.
         flight = flown(settings, silent(), Parts(controllers=laws_of(law)))
     except TrimError as error:
         return begun | {"cause": "no trim holds it", "sentence": str(error), "exit_code": 1}

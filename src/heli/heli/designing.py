@@ -72,7 +72,7 @@ class Design:
 
     @property
     def controller(self) -> str:
-        """The attitude law that was designed, as the parameter `controller` names it."""
+        """The attitude controller that was designed, as the parameter `controller` names it."""
         return self.made.attitude.controller
 
     @property
@@ -110,17 +110,17 @@ class Design:
 
     @property
     def plant(self) -> control.StateSpace:
-        """What the law sees as it flies: sampled, with servos and delay; named signals."""
+        """What the controller sees as it flies: sampled, with servos and delay; named signals."""
         return self.made.loops[-1].plant
 
     @property
     def law(self) -> control.StateSpace:
-        """The law as it flies: the measured states and commands in, d_lat d_lon d_ped out."""
+        """The controller in flight: measured states and commands in, d_lat d_lon d_ped out."""
         return self.made.loops[-1].controller
 
     @cached_property
     def closed_loop(self) -> control.StateSpace:
-        """Plant and law: wind and commands in, the weighted output h and the actuators out."""
+        """Plant and controller: wind and commands in, weighted output h and actuators out."""
         return self.made.loops[-1].closed
 
     @property
@@ -338,7 +338,7 @@ def linearize(
 
 @in_python
 def collective_for_thrust(thrust_n: float, climb_mps: float = 0.0, params: Any = None) -> float:
-    """The collective that gives a thrust, by the map that the position law flies with.
+    """The collective that gives a thrust, by the map that the position controller flies with.
 
     Parameters
     ----------
@@ -411,7 +411,7 @@ class Identified:
     Attributes
     ----------
     parameters : mapping of node to mapping of parameter to value
-        Model, observer and laws from identified numbers.
+        Model, observer and controllers from identified numbers.
     rows : sequence of ComparisonRow
         Every number: `name`, `value`, `sigma`, `truth`, `deviation`, `significant`, `met`.
     identification : heli_studies Identification
@@ -445,7 +445,7 @@ class Identified:
 
     @cached_property
     def design(self) -> Design:
-        """Observer and laws that were designed for it."""
+        """Observer and controllers that were designed for it."""
         return Design(self.identification.design)
 
     @property

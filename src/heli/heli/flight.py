@@ -533,7 +533,7 @@ class Flight:
         s = self.settings
         law = own_words(s) or s.nodes["inner_loop"]["controller"]
         return (
-            f"Flight: {s.scenario_name}, {s.gps} GPS, world {Path(s.world).stem}, laws "
+            f"Flight: {s.scenario_name}, {s.gps} GPS, world {Path(s.world).stem}, control preset "
             f"{Path(s.laws).stem}, {law}, seed {s.seed}; {self._flown.how}"
         )
 
@@ -747,7 +747,7 @@ def _picture_actuators(axis: Any, flight: Flight) -> None:
 
 
 # -------------------------------------------------------------------------------------------------
-# Places of what a law reads: `x[NINE.phi]`, `x[NAV.pos]`, `r[SHAPED.vel]`.
+# Places of what a controller reads: `x[NINE.phi]`, `x[NAV.pos]`, `r[SHAPED.vel]`.
 # -------------------------------------------------------------------------------------------------
 
 __all__ = ["NAV", "NINE", "SHAPED"]

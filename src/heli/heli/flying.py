@@ -252,7 +252,7 @@ def fly(
     laws : str, optional
         packaged, paper, or a file.
     controller : str, optional
-        Attitude law: hinf_output, hinf, lqg, lqr, pid, indi.
+        Attitude controller: hinf_output, hinf, lqg, lqr, pid, indi.
     duration_s : float, optional
     params : optional
         {node: {parameter: value}}, dotted or nested (`{"inner_loop": {"gamma": 0.056}}`), a
@@ -260,14 +260,14 @@ def fly(
     faults : path or list of mappings, optional
         Sensors and actuators that fail: [{"what": "gps", "kind": "loss", "start_s": 20.0}].
     law : callable, class, or str, optional
-        A law of your own in the place of the attitude law: a function (x, r, t) that gives d_lat,
-        d_lon, d_ped, or a class with `step(self, x, r, t)` and `reset(self, x, r, u)`; x: the nine
-        states (places `heli.NINE`), r: commanded phi, theta, psi, rad; t: s. With the attribute
-        `loop = "outer"` in the place of the position law: x: navigation (places `heli.NAV`), r:
-        the reference (places `heli.SHAPED`); gives phi, theta, psi, collective. A str is
-        MODULE:NAME or FILE.py:NAME. A list: one of each. See the package's README.
+        A controller of your own in place of the attitude controller: a function (x, r, t) that
+        gives d_lat, d_lon, d_ped, or a class with `step(self, x, r, t)` and `reset(self, x, r, u)`;
+        x: the nine states (places `heli.NINE`), r: commanded phi, theta, psi, rad; t: s. With the
+        attribute `loop = "outer"` in place of the position controller: x: navigation (places
+        `heli.NAV`), r: the reference (places `heli.SHAPED`); gives phi, theta, psi, collective. A
+        str is MODULE:NAME or FILE.py:NAME. A list: one of each. See the package's README.
     plant, wind, estimator : object, optional
-        A part of your own in the place of the packaged one, with `reset(rng, tick_s, nodes)` and
+        A part of your own in place of the packaged one, with `reset(rng, tick_s, nodes)` and
         `step(...)`, as the protocols `Plant`, `Wind` and `Estimator` in `heli_flight.parts` say. In
         this process only. `heli.Observer` is the packaged estimator, to build upon.
     sensors : sequence of objects
@@ -342,7 +342,7 @@ def ordered(
 
 
 def laws_of(law: Any) -> list[PythonLaw]:
-    """The laws of an argument `law`.
+    """The controllers of an argument `law`.
 
     Raises
     ------
@@ -355,12 +355,12 @@ def laws_of(law: Any) -> list[PythonLaw]:
 
 
 def _named(laws: Sequence[PythonLaw], graph: bool) -> Over:
-    """The parameters that name the laws."""
+    """The parameters that name the controllers."""
     for law in laws:
         if graph and law.source.startswith(f"{GIVEN}:"):
             raise LawError(
-                f"law {law.name}: the graph's nodes cannot have it, they are other processes; put "
-                "it into a file: law='my_law.py:NAME'"
+                f"controller {law.name}: the graph's nodes cannot have it, they are other "
+                "processes; put it into a file: law='my_law.py:NAME'"
             )
     return {LAW_NODES[law.loop]: {PARAMETER: law.source} for law in laws}
 

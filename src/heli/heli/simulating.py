@@ -220,7 +220,7 @@ class Simulation:
     """A flight step by step, in this process, without ROS.
 
     A step is one tick (`dt_s`, 10 ms unless `rate_hz` says otherwise) of the loop that `heli.fly`
-    flies: the same aircraft, sensors, observer and laws, from the same compiled kernels. Who
+    flies: the same aircraft, sensors, observer and controllers, from the same compiled kernels. Who
     commands nothing flies the flight of `heli.fly`, bit for bit; the same arguments and commands
     give the same bytes.
 
@@ -329,10 +329,10 @@ class Simulation:
             d_lat, d_lon, d_ped, d_col, -1 to 1: nothing packaged flies.
         attitude : (3,) or (4,) array, optional
             phi, theta, psi, rad, and the collective, -1 to 1, which stays as it was if it is left
-            out: the packaged attitude law flies.
+            out: the packaged attitude controller flies.
         velocity : (3,) or (4,) array, optional
-            Velocity, NED, m/s, and a rate of turn, rad/s: every packaged law flies, within its own
-            limits. The position law takes it at its next step.
+            Velocity, NED, m/s, and a rate of turn, rad/s: every packaged controller flies, within
+            its own limits. The position controller takes it at its next step.
         All left out: the scenario's own flight; after commands of yours a halt that is held.
 
         Returns
@@ -369,7 +369,7 @@ class Simulation:
         return Observation(flight)
 
     def save(self) -> SavedFlight:
-        """The whole state, as a copy: aircraft, air, sensors, filters, laws, random numbers.
+        """The whole state, as a copy: aircraft, air, sensors, filters, controllers, random numbers.
 
         Raises
         ------

@@ -161,7 +161,7 @@ def test_a_law_that_fails_ends_the_flight_with_a_sentence(law, words):
 
     flown = heli.fly(law=late, duration_s=4, **OPTIONS)
     assert len(flown) == 101 and flown.exit_code == 1
-    begin = r"The inner law .*late failed at tick 100 \(1\.00 s\): "
+    begin = r"The inner controller .*late failed at tick 100 \(1\.00 s\): "
     assert re.match(f"{begin}({words})", flown.lost), flown.lost
     assert "\n" not in flown.lost
     # The last good command is what was flown.
@@ -229,7 +229,7 @@ def test_a_file_names_its_law_and_alone_runs_no_code(file, tmp_path, capsys):
     words = ["hover", "--one-process", "--no-report", "--duration", "1"]
     folder = tmp_path / "one"
     assert main([*words, "--custom-law", f"{file}:Law", "--out", str(folder)]) == 0
-    assert "own controller: own:Law in the place of the inner loop" in capsys.readouterr().out
+    assert "own controller: own:Law in place of the inner loop" in capsys.readouterr().out
     flown = heli.load(folder)
     assert flown.parameters["inner_loop"]["own_law"] == f"{file}:Law"
     assert "own:Law" in repr(flown)

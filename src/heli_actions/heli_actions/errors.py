@@ -50,7 +50,7 @@ class GoalReplaced(GoalError):
 
 
 class ModeLeft(GoalError):
-    """A pilot took over, a landing was commanded, the take-off was broken off."""
+    """A pilot took over, a landing was commanded, the take-off was aborted."""
 
 
 class GoalNotReached(GoalError):

@@ -568,7 +568,7 @@ class GoalManager:
         self._hands.send(goal.asked, goal.asked_id, argument)
 
     def _fly(self, goal: ActiveGoal) -> None:
-        """It is flown from now on, in the place of what was flown."""
+        """It is flown from now on, in place of what was flown."""
         if self._flown is not None:
             self._preempt(self._flown, goal.order.kind)
         self._flown, self._asked = goal, None

@@ -92,8 +92,8 @@ class CentralController:
     system : System
         From y to u, one step a period.
     input_of_u : (n, n_u) array
-        What a difference between the flown u and that of the law does to the state: the observer
-        inside then hears what was flown.
+        What a difference between the flown u and that of the controller does to the state: the
+        observer inside then hears what was flown.
     radius : float
         rho(X Y) / gamma^2, below one.
     residual : float

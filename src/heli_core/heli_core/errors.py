@@ -185,7 +185,7 @@ class InvariantZeroError(SynthesisError):
 
 
 class InfeasibleGammaError(SynthesisError):
-    """gamma is not above gamma*, so that no stabilising law of its kind reaches it.
+    """gamma is not above gamma*, so that no stabilising controller of its kind reaches it.
 
     Attributes
     ----------
@@ -211,7 +211,7 @@ class CertificateError(SynthesisError):
 
 
 class UnstableLoopError(SynthesisError):
-    """The loop as flown is not stable with this law.
+    """The loop as flown is not stable with this controller.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class UnstableLoopError(SynthesisError):
 
 
 class MarginError(SynthesisError):
-    """The loop as flown has less disk margin with this law than `margin_floor`.
+    """The loop as flown has less disk margin with this controller than `margin_floor`.
 
     Attributes
     ----------

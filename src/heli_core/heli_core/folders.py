@@ -47,7 +47,7 @@ def make_private(path: Path) -> bool:
 
 
 def others_may_replace(path: Path) -> bool:
-    """Whether another user may put something else in the place of what lies in a folder.
+    """Whether another user may put something else in place of what lies in a folder.
 
     In one that others may write to, unless it is sticky; of a group that is not this user's first.
     Also by way of a folder above it. OSError: there is none.

@@ -72,7 +72,7 @@ PATH = "path"
 """The kind of flight that the paper has not."""
 
 ATTITUDE_DEG: Mapping[str, tuple[float, str]] = {"hinf": (1.7, "Fig. 4"), "pid": (4.8, "Fig. 3")}
-"""Largest roll or pitch, deg, that the paper shows under an attitude law, and where."""
+"""Largest roll or pitch, deg, that the paper shows under an attitude controller, and where."""
 
 METRICS: Mapping[str, tuple[PaperMetric, ...]] = {
     "hover": (
@@ -92,7 +92,7 @@ METRICS: Mapping[str, tuple[PaperMetric, ...]] = {
         PaperMetric("heading", "heading error", "deg", 5.0, GOAL),
     ),
 }
-"""Metrics per kind of flight; any attitude law is judged by the paper's best. The paper flies no
+"""Metrics per kind of flight; each attitude controller is judged by the paper's best. It flies no
 paths, so their figures are goals."""
 POSITIONS = ("altitude", "lateral", "longitudinal")
 """The metrics of hover that a receiver's drift shifts."""

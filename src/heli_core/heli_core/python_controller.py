@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that somebody gives in Python: found by its name, and checked at every step.
+"""A controller that somebody gives in Python: found by its name, and checked at every step.
 
-A law is a function `step(x, r, t)`, or a class with `step(self, x, r, t)` and, if it remembers
-something, `reset(self)` or `reset(self, x, r, u)`, called before its first step and whenever it
-begins again. Its attribute `loop` says in whose place it flies: `inner` (default) or `outer`. What
-x, r and the result are is said by the loop that flies it (`heli_inner_hinf.ground_and_manual`,
-`heli_outer_pd.python_controller`). It gets copies and cannot harm the loop; whatever it does wrong
-is a sentence.
+A controller is a function `step(x, r, t)`, or a class with `step(self, x, r, t)` and, if it
+remembers something, `reset(self)` or `reset(self, x, r, u)`, called before its first step and
+whenever it begins again. Its attribute `loop` says in whose place it flies: `inner` (default) or
+`outer`. What x, r and the result are is said by the loop that flies it
+(`heli_inner_hinf.ground_and_manual`, `heli_outer_pd.python_controller`). It gets copies and cannot
+harm the loop; whatever it does wrong is a sentence.
 """
 
 import importlib
@@ -28,20 +28,20 @@ from heli_core.rcl_yaml import ParameterError
 INNER, OUTER = "inner", "outer"
 LOOPS = (INNER, OUTER)
 OUTPUTS = {INNER: ("d_lat", "d_lon", "d_ped"), OUTER: ("phi", "theta", "psi", "collective")}
-"""What a law of each loop gives, in this order."""
+"""What a controller of each loop gives, in this order."""
 PARAMETER = "own_law"
 """Name of the parameter of the nodes inner_loop and outer_loop that names one."""
 GIVEN = "python"
-"""Stands for the module of a law that is in no file."""
+"""Stands for the module of a controller that is in no file."""
 _FORM = "write MODULE:NAME or FILE.py:NAME"
 
 
 class LawError(ParameterError):
-    """A law cannot be flown: it is not found, or is none; one sentence."""
+    """A controller cannot be flown: it is not found, or is none; one sentence."""
 
 
 class PythonLaw:
-    """A law given in Python.
+    """A controller given in Python.
 
     Parameters
     ----------
@@ -70,20 +70,21 @@ class PythonLaw:
         self.loop = getattr(controller, "loop", INNER)
         if self.loop not in LOOPS:
             raise LawError(
-                f"law {self.name}: loop = {self.loop!r} is not allowed; allowed: {', '.join(LOOPS)}"
+                f"controller {self.name}: loop = {self.loop!r} is not allowed; "
+                f"allowed: {', '.join(LOOPS)}"
             )
         made = self._made(controller) if inspect.isclass(controller) else controller
         self._step: Callable[..., Any] = getattr(made, "step", made)
         self._reset: Callable[..., Any] | None = getattr(made, "reset", None)
         if not callable(self._step):
             raise LawError(
-                f"law {self.name}: is a {type(controller).__name__}; allowed: a function "
+                f"controller {self.name}: is a {type(controller).__name__}; allowed: a function "
                 "(x, r, t), or a class with step(self, x, r, t)"
             )
         self._outputs = OUTPUTS[self.loop]
         if not _takes(self._step, 3):
             raise LawError(
-                f"law {self.name}: step{_signature(self._step)} must take x, r, t: states, "
+                f"controller {self.name}: step{_signature(self._step)} must take x, r, t: states, "
                 "command, time (s)"
             )
         self._of_reset = 0
@@ -91,15 +92,17 @@ class PythonLaw:
             self._of_reset = 3 if _takes(self._reset, 3) else 0
             if not self._of_reset and not _takes(self._reset, 0):
                 raise LawError(
-                    f"law {self.name}: reset{_signature(self._reset)} must take nothing, or x, r, "
-                    "u: states, command, what is flown"
+                    f"controller {self.name}: reset{_signature(self._reset)} must take nothing, or "
+                    "x, r, u: states, command, what is flown"
                 )
 
     def _made(self, cls: type) -> Any:
         try:
             return cls()
         except Exception as error:
-            raise LawError(f"law {self.name}: cannot be made: {in_one_line(error)}") from error
+            raise LawError(
+                f"controller {self.name}: cannot be made: {in_one_line(error)}"
+            ) from error
 
     def reset(self, x: NDArray, r: NDArray, u: NDArray, tick: int, time_s: float) -> None:
         """Have it begin: now, and with what is flown until now."""
@@ -147,8 +150,8 @@ class PythonLaw:
     def _fail(self, what: str, why: str, tick: int, time_s: float) -> None:
         allowed = "" if why.startswith("raised") else f"; allowed: {_count(self._outputs)}"
         self.failure = (
-            f"The {self.loop} law {self.name} failed at tick {tick} ({time_s:.2f} s): {what} "
-            f"{why}{allowed}"
+            f"The {self.loop} controller {self.name} failed at tick {tick} ({time_s:.2f} s): "
+            f"{what} {why}{allowed}"
         )
 
 
@@ -190,7 +193,7 @@ def in_one_line(error: BaseException) -> str:
 
 
 def full_source(text: str) -> str:
-    """A law's name as any process finds it: a file's path is made absolute.
+    """A controller's name as any process finds it: a file's path is made absolute.
 
     Raises
     ------
@@ -199,14 +202,14 @@ def full_source(text: str) -> str:
     """
     where, _, name = text.rpartition(":")
     if not where or not name:
-        raise LawError(f"law {text!r} is not allowed; {_FORM}")
+        raise LawError(f"controller {text!r} is not allowed; {_FORM}")
     if where == GIVEN:
-        raise LawError(f"law {name}: was given in Python and is in no file; put it into one")
+        raise LawError(f"controller {name}: was given in Python and is in no file; put it into one")
     return f"{Path(where).absolute()}:{name}" if where.endswith(".py") else text
 
 
 def short_name(source: str) -> str:
-    """A law's name for people: without the folder of its file."""
+    """A controller's name for people: without the folder of its file."""
     where, _, name = source.rpartition(":")
     return f"{Path(where).stem}:{name}" if where.endswith(".py") else source
 
@@ -221,7 +224,7 @@ def source_of(controller: Any) -> str:
 
 
 def find(text: str) -> PythonLaw:
-    """Import a law by its name. **This runs the code of the module that is named.**
+    """Import a controller by its name. **This runs the code of the module that is named.**
 
     Parameters
     ----------
@@ -232,7 +235,7 @@ def find(text: str) -> PythonLaw:
     Raises
     ------
     LawError
-        One sentence: not found, cannot be imported, or no law.
+        One sentence: not found, cannot be imported, or no controller.
     """
     source = full_source(text)
     where, _, name = source.rpartition(":")
@@ -240,11 +243,13 @@ def find(text: str) -> PythonLaw:
     try:
         module = _of_file(Path(where)) if where.endswith(".py") else _of_module(where)
     except (Exception, SystemExit) as error:
-        raise LawError(f"law {short}: cannot be imported: {in_one_line(error)}") from error
+        raise LawError(f"controller {short}: cannot be imported: {in_one_line(error)}") from error
     target: Any = module
     for part in name.split("."):
         if not hasattr(target, part):
-            raise LawError(f"law {short}: {getattr(module, '__file__', where)} has no {name}")
+            raise LawError(
+                f"controller {short}: {getattr(module, '__file__', where)} has no {name}"
+            )
         target = getattr(target, part)
     return PythonLaw(target, short, source)
 
@@ -273,6 +278,6 @@ def _of_module(name: str) -> ModuleType:
 
 
 def _look_in(folder: Path) -> None:
-    """Find what a law imports beside itself; last, so that it hides nothing."""
+    """Find what a controller imports beside itself; last, so that it hides nothing."""
     if os.fspath(folder) not in sys.path:
         sys.path.append(os.fspath(folder))

@@ -7,7 +7,7 @@ slice; `size` is the row's length. Kernels take both as constants; a loop over a
 view first (`mag = y[MEAS.mag]`), or counts from `MEAS.mag.start`.
 
 NED and FRD, SI, rad; quaternions are (w, x, y, z), body -> NED. What a package keeps to itself
-(states of a filter, of a law) is laid out where it is used.
+(states of a filter, of a controller) is laid out where it is used.
 """
 
 from typing import NamedTuple
@@ -177,7 +177,7 @@ class ActuatorRow(NamedTuple):
     lat: int = 0
     lon: int = 1
     ped: int = 2
-    attitude: slice = slice(0, 3)  # these three, which the attitude law commands
+    attitude: slice = slice(0, 3)  # these three, which the attitude controller commands
     col: int = 3
     size: int = 4
 
@@ -193,7 +193,7 @@ class ReferenceRow(NamedTuple):
 
 
 class ShapedReferenceRow(NamedTuple):
-    """A reference without jumps of its velocity, for the position law (10,)."""
+    """A reference without jumps of its velocity, for the position controller (10,)."""
 
     pos: slice = slice(0, 3)  # NED, m
     vel: slice = slice(3, 6)  # NED, m/s
@@ -209,7 +209,7 @@ class SetpointRow(NamedTuple):
     phi: int = 0  # roll, rad
     theta: int = 1  # pitch, rad
     psi: int = 2  # heading, rad
-    attitude: slice = slice(0, 3)  # these three, which the attitude law follows
+    attitude: slice = slice(0, 3)  # these three, which the attitude controller follows
     col: int = 3  # collective in (-1, 1)
     size: int = 4
 
@@ -262,7 +262,7 @@ STATE_NAMES = NINE._fields
 """phi theta p q a_s b_s r d_int psi: the order of every A, B, E of the stack; rad, p q r rad/s."""
 ACTUATOR_NAMES = ("d_lat", "d_lon", "d_ped", "d_col")
 INPUT_NAMES = ACTUATOR_NAMES[ACTUATOR.attitude]
-"""The three inputs of B, -1..1; the collective belongs to the altitude law."""
+"""The three inputs of B, -1..1; the collective belongs to the altitude controller."""
 WIND_NAMES = ("u", "v", "w")
 """The three inputs of E: velocity of the air in body axes, m/s."""
 

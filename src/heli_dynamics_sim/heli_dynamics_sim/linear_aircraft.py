@@ -212,7 +212,7 @@ class LinearAircraft:
         return A[np.ix_(places, places)], B[places]
 
     def nine(self) -> tuple[Array, Array, Array, Array]:
-        """A (9, 9), B (9, 3), E (9, 3) and trim (9,) of eq. (10) of the paper, for a law.
+        """A (9, 9), B (9, 3), E (9, 3) and trim (9,) of eq. (10) of the paper, for a controller.
 
         The velocity is taken as zero, as there. A model without flapping is given a disc of 10 ms
         whose slow pole and whose steady rate per cyclic are the model's.
@@ -242,7 +242,9 @@ class LinearAircraft:
                 B[disc, lever] = push[lever] / damping
         if "d_int" not in self.states:
             raise AircraftError(
-                "missing: without it the laws have no d_int", ParameterCause.MISSING, key="yaw_gyro"
+                "missing: without it the controllers have no d_int",
+                ParameterCause.MISSING,
+                key="yaw_gyro",
             )
         rates, rotor = [NINE.p, NINE.q, NINE.r], [NINE.a_s, NINE.b_s, NINE.d_int]
         order = rates + rotor

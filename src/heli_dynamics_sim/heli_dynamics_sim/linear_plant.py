@@ -284,7 +284,7 @@ _DRAWN = 256
 
 
 class LinearPlant:
-    """A linear aircraft in the place of the simulated one: `heli.fly(plant=LinearPlant(name))`.
+    """A linear aircraft in place of the simulated one: `heli.fly(plant=LinearPlant(name))`.
 
     Wind, sensors, faults, `scale.*`, `delay_ticks` and the start are those of the node `plant`; the
     aircraft's own delay comes on top. The same seed has the same air and the same noise as the

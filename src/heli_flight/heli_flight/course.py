@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a flight in this process follows from one step of the position law to the next.
+"""What a flight in this process follows from one step of the position controller to the next.
 
 Compiled ticks fly a way until they are through, or until something may follow; then `Course.after`
 asks the flight's phases. So a flight of one stretch and one of single steps are the same.
@@ -37,17 +37,18 @@ class Course:
     state : OuterLoopState
     settings : Settings
     period_ticks : int
-        Of the position law.
+        Of the position controller.
 
     Attributes
     ----------
     times_ns, points : arrays
-        What is followed; the points are moved in place where the law engages, if they are to be.
+        What is followed; the points are moved in place where the controller engages, if they are to
+        be.
     phases : Phases
     scripted : bool
         Whether there are any phases but that it follows its reference throughout.
     acted : list of int and Action
-        Tick from which on the position law did each by itself.
+        Tick from which on the position controller did each by itself.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class Course:
         return self._to_next_step(tick) if self._asked else MOST_TICKS
 
     def _to_next_step(self, tick: int) -> int:
-        """Ticks to the next step of the law, that with it, after which something may follow."""
+        """Ticks to the controller's next step, that with it, after which something may follow."""
         phases, due = self.phases, tick
         if not phases.is_watched():
             order_ns = phases.next_order_ns()
@@ -100,7 +101,7 @@ class Course:
         last : int
             Tick flown last.
         setpoint : (4,) array
-            What the law commanded.
+            What the controller commanded.
         flies : bool
             Whether the flight goes on.
         """
@@ -122,7 +123,7 @@ class Course:
     ) -> "Course":
         """A copy that goes on from here, over the same numbers and state or those that are given.
 
-        Ways are shared from the law's first step on, which alone moves one.
+        Ways are shared from the controller's first step on, which alone moves one.
         """
         k, state, phases = k or self._k, state or self._state, self.phases
         kept: list[tuple[Any, Any]] = [

@@ -132,7 +132,7 @@ _DERIVED |= {("plant", "initial.pos_ned_m"), ("plant", "initial.psi_deg")}
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """A parameter unlike the packaged one of the flight's scenario, receiver, world and laws."""
+    """A parameter unlike the packaged one of scenario, receiver, world and control preset."""
 
     section: str
     key: str
@@ -166,7 +166,7 @@ def sections(settings: Settings) -> dict[str, Mapping[str, Any]]:
 
 
 def packaged(settings: Settings) -> Mapping[str, Mapping[str, Any]]:
-    """Packaged parameters by section, of the flight's scenario, receiver, world, laws and seed."""
+    """Packaged parameters by section, of scenario, receiver, world, control preset and seed."""
     return layered(
         Reader(),
         settings.scenario_name,
@@ -178,7 +178,7 @@ def packaged(settings: Settings) -> Mapping[str, Mapping[str, Any]]:
 
 
 def own_parameters(settings: Settings) -> dict[tuple[str, str], Any]:
-    """Parameters by section and key; without seed, law, length and mode, and what these decide."""
+    """Parameters by section and key; without seed, controller, length, mode and what these set."""
     return {
         (section, key): value
         for section, values in sections(settings).items()
@@ -188,7 +188,7 @@ def own_parameters(settings: Settings) -> dict[tuple[str, str], Any]:
 
 
 def changes(settings: Settings) -> list[ParameterChange]:
-    """What the flight has changed; seed, law, length and mode are told apart from it."""
+    """What the flight has changed; seed, controller, length and mode are told apart from it."""
     before = packaged(settings)
     return [
         ParameterChange(section, key, value, before[section][key])
@@ -264,7 +264,7 @@ def write_parameters(settings: Settings, path: Path) -> None:
     changed = changes(settings)
     flight = identity(settings, changed)
     kind = f"{settings.scenario_name}, {settings.gps} GPS, "
-    kind += f"world {settings.world}, laws {settings.laws}"
+    kind += f"world {settings.world}, control preset {settings.laws}"
     of_package = f"the packaged parameters of {kind}"
     command = f"./heli {settings.mode}" if settings.mode in AUTOPILOTS else "./hover_test.sh"
     head = [

@@ -69,7 +69,7 @@ def tell_if_it_compiles(say: Console, own_laws: bool = False, kernel: Any = None
     ----------
     say : Console
     own_laws : bool
-        Whether laws in Python fly: the parts of a tick are then compiled one by one.
+        Whether controllers in Python fly: the parts of a tick are then compiled one by one.
     kernel : callable, optional
         What flies, if it is another one.
     """
@@ -161,9 +161,9 @@ def fly_one_process(
     out : Console
         Gets the progress, and is told if the loop is compiled first.
     laws : sequence of PythonLaw
-        Flown in the place of those that the settings name.
+        Flown in place of those that the settings name.
     parts : Parts, optional
-        Objects that fly in the place of compiled parts.
+        Objects that fly in place of compiled parts.
     """
     from heli_flight.loop import fly_settings
 
@@ -283,8 +283,8 @@ class FlightOrder:
     over : mapping of node name to mapping of parameter name to value
         Stronger than all files, as `overrides` of `resolve`.
     law : sequence of str
-        Laws in Python, MODULE:NAME or FILE.py:NAME: **their code runs**. One that files name is
-        flown only if it is named here, too.
+        Controllers in Python, MODULE:NAME or FILE.py:NAME: **their code runs**. One that files name
+        is flown only if it is named here, too.
     """
 
     scenario: str | None = None

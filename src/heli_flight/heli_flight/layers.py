@@ -48,14 +48,14 @@ from heli_flight.worlds import (
 # -------------------------------------------------------------------------------------------------
 # Layers of a flight's parameters.
 #
-# Packaged < receiver < world < laws < scenario < the user's files.
+# Packaged < receiver < world < controllers < scenario < the user's files.
 # -------------------------------------------------------------------------------------------------
 
 GPS_PRESETS = ("standalone", "rtk")
 PACKAGE = "heli_flight"
 PLANT = "plant"
 PAPERS_AIRCRAFT = "helion.yaml"
-"""The aircraft that the packages fly and the paper's figures are held against."""
+"""The aircraft that the packages fly and the paper's figures are compared with."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def layered(
     seed : int, optional
         Draws what the world lets it draw; default: the plant's.
     laws : str
-        Packaged laws, or the path of some.
+        A packaged control preset, or the path of one.
     overrides : mapping, optional
         Of the section `world`, stronger than all files: what is drawn and which sensors fly follow
         from that section.
@@ -228,15 +228,15 @@ def _drawn(
 
 
 # -------------------------------------------------------------------------------------------------
-# The section `flight` of a parameter file: scenario, receiver, world, laws, mode, seed,
+# The section `flight` of a parameter file: scenario, receiver, world, control preset, mode, seed,
 #
 # controller, duration.
 #
 # It makes a parameter file a flight. A file that was written by one flight and is taken for
 # another
 # (`heli hover --scenario attitude --params flights/x/params.yaml`) brings along what its user had
-# changed, and leaves behind what its own scenario, receiver, world and laws had packaged, and its
-# own
+# changed, and leaves behind what its own scenario, receiver, world and control preset had packaged,
+# and its own
 # seed drawn.
 # -------------------------------------------------------------------------------------------------
 
@@ -272,7 +272,7 @@ FLIGHT_TABLE: tuple[Parameter, ...] = (
     Parameter("scenario", "string", "Packaged scenario"),
     Parameter("gps", "string", "Receiver", choices=GPS_PRESETS),
     Parameter("world", "string", "Packaged world, or the path of one"),
-    Parameter("laws", "string", "Packaged laws, or the path of some"),
+    Parameter("laws", "string", "A packaged control preset, or the path of one"),
     Parameter("mode", "string", "How it is flown", choices=MODES),
     Parameter("process_faults", "string[]", "Faults of processes, a mapping each, or none"),
     *(_same_as(name) for name in SHORT_FOR),
@@ -361,7 +361,7 @@ def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | 
 
 
 def default_of(files: Sequence[FlightDefaults], name: str) -> Entry | None:
-    """What the last file that says it says of scenario, receiver, world, laws or mode."""
+    """What the last file that says it says of scenario, receiver, world, control preset or mode."""
     return next(
         (defaults.section[name] for defaults in reversed(files) if name in defaults.section), None
     )
@@ -379,7 +379,7 @@ class Packaged:
 
 
 def without_packaged(defaults: FlightDefaults, read: Reader, wanted: Packaged) -> ParameterFile:
-    """The file for a flight of this scenario, receiver, world, laws and seed.
+    """The file for a flight of this scenario, receiver, world, control preset and seed.
 
     If it was made for others, what equals their packaged values is left out: it belongs to them.
     """

@@ -109,7 +109,7 @@ class TickRows(NamedTuple):
     nav: np.ndarray  # (31,) of the observer
     x9: np.ndarray  # (9,) states as the inner loop knows them
     aim: np.ndarray  # (7,) what it is to hold, places of `estimate.COMMAND`
-    u3: np.ndarray  # (3,) output of the attitude law
+    u3: np.ndarray  # (3,) output of the attitude controller
 
 
 def _tick_rows() -> TickRows:
@@ -247,7 +247,8 @@ def bring_navigation(loop, links, tick):
 def guide(loop, links, tick, times_ns, points, setpoint):
     """The outer loop, at its step: attitude and collective (4,) to hold.
 
-    times_ns, points: reference trajectory; moved in place where the law engages, if it is to be.
+    times_ns, points: reference trajectory; moved in place where the controller engages, if it is to
+    be.
     """
     bring_navigation(loop, links, tick)
     box, period, now_ns = loop.outer_in, loop.period_ticks, tick * loop.tick_ns
@@ -281,7 +282,7 @@ def hear(loop, links, tick, due, setpoint):
 
 @njit
 def control(loop, tick):
-    """The attitude law, or a pilot's hand, into `rows.u3`."""
+    """The attitude controller, or a pilot's hand, into `rows.u3`."""
     aim, command = loop.rows.aim, estimate.COMMAND
     attitude, manual = aim[command.attitude], aim[command.manual]
     inner_k, inner_s = loop.inner_k, loop.inner_s
@@ -290,7 +291,7 @@ def control(loop, tick):
 
 @njit
 def command_actuators(loop, tick, u):
-    """The actuators (4,) of this tick, in place: the law's, the collective, the excitation."""
+    """Actuators (4,) of this tick, in place: the controller's, the collective, the excitation."""
     copy(u[ACTUATOR.attitude], loop.rows.u3)
     u[ACTUATOR.col] = loop.rows.aim[estimate.COMMAND.col]
     if loop.excitation_k.on:
@@ -367,7 +368,7 @@ def fly(
 ) -> tuple[int, int]:
     """Fly n_ticks from first_tick; returns (ticks flown, plant status).
 
-    It ends early where the law has lost its position or found it again.
+    It ends early where the controller has lost its position or found it again.
 
     Parameters
     ----------
@@ -375,7 +376,8 @@ def fly(
     first_tick, n_ticks : int
     noise_rows : (n_ticks, NOISE.size) array
     times_ns, points : arrays
-        Reference trajectory; the points are moved in place when the law engages, if they are to be.
+        Reference trajectory; the points are moved in place when the controller engages, if they are
+        to be.
     setpoint, u : (4,) arrays
         Last phi, theta, psi, d_col and last actuators; changed in place.
     track : FlightTrack
@@ -407,13 +409,13 @@ def build(
     Parameters
     ----------
     settings : Settings
-        Without a law in Python or a linear aircraft: these are flown by `fly_settings`.
+        Without a controller in Python or a linear aircraft: these are flown by `fly_settings`.
     true_navigation : bool
         As in `simulate`.
     plant_config : PlantConfig, optional
         Another aircraft than that of the settings; the controllers do not know.
     law : AttitudeParams, optional
-        A law that is designed already.
+        A controller that is designed already.
 
     Raises
     ------
@@ -492,7 +494,7 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
     Parameters
     ----------
     loop : AircraftInLoop
-        From `build`, or with parts of its own (perturbed aircraft, another law).
+        From `build`, or with parts of its own (perturbed aircraft, another controller).
     settings : Settings
         Seed and scenario.
     progress : callable, optional
@@ -569,7 +571,8 @@ def fly_settings(
     ----------
     settings : Settings
     laws : sequence of PythonLaw
-        At most one of each loop. **A law that the settings name is imported**: its code runs.
+        At most one of each loop. **A controller that the settings name is imported**: its code
+        runs.
     progress : callable, optional
         Called with the flight time (s) now and then.
     parts : Parts, optional
@@ -598,7 +601,7 @@ def fly_settings(
 
 
 class TicksWithParts:
-    """`fly` is called in the place of the compiled `loop.fly`: the same kernels, one by one.
+    """`fly` is called in place of the compiled `loop.fly`: the same kernels, one by one.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects that fly in the place of the compiled parts of the one-process loop, or beside them.
+"""Objects that fly in place of the compiled parts of the one-process loop, or beside them.
 
 Each has `reset` and `step`; the protocols here say what these get and give. Rows are NumPy arrays
 whose places stand in `heli_core.rows`: `MEAS` (31,), `TRUTH` (19,), `NAV` (31,), `ACTUATOR` (4,).
@@ -21,7 +21,7 @@ Nodes = Mapping[str, Mapping[str, Any]]
 
 
 class Plant(Protocol):
-    """An aircraft with its sensors, in the place of the simulated one.
+    """An aircraft with its sensors, in place of the simulated one.
 
     It may have a `status`, a `PlantStatus`: other than OK, the flight ends there as lost.
     """
@@ -46,7 +46,7 @@ class Plant(Protocol):
 
 
 class Wind(Protocol):
-    """The air around the simulated aircraft, in the place of the packaged wind."""
+    """The air around the simulated aircraft, in place of the packaged wind."""
 
     def reset(self, rng: np.random.Generator, tick_s: float, nodes: Nodes) -> None:
         """Begin a flight; as of `Plant`."""
@@ -72,7 +72,7 @@ class Sensor(Protocol):
 
 
 class Estimator(Protocol):
-    """Sensors to navigation, in the place of the observer."""
+    """Sensors to navigation, in place of the observer."""
 
     def reset(self, rng: np.random.Generator, tick_s: float, nodes: Nodes) -> None:
         """Begin a flight; as of `Plant`."""
@@ -94,7 +94,7 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
-    """Objects that fly in the place of the compiled parts; None: the compiled one.
+    """Objects that fly in place of the compiled parts; None: the compiled one.
 
     Attributes
     ----------

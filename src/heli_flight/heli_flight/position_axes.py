@@ -50,7 +50,7 @@ class PositionAxes:
         Lag of pitch and roll behind their commands at low frequency.
     params : OuterParams
     period_ticks : int
-        Of the law.
+        Of the controller.
     """
 
     config: PlantConfig

@@ -104,7 +104,7 @@ def record_until(record: FlightRecord, end_s: float) -> FlightRecord:
 
 
 # -------------------------------------------------------------------------------------------------
-# The record of a flight in a file: what a flight of one process leaves in the place of a bag.
+# The record of a flight in a file: what a flight of one process leaves in place of a bag.
 # -------------------------------------------------------------------------------------------------
 
 NAME = "record.npz"

@@ -201,7 +201,7 @@ def phases(settings: Settings, stretch: str = DECIDES, until_s: float | None = N
 
 
 def judged_by(settings: Settings, until_s: float | None = None) -> str:
-    """What is held against bounds and decides the exit code, in words."""
+    """What is compared with bounds and decides the exit code, in words."""
     who = " and ".join(SOURCE_NAMES[s] for s in SOURCE_NAMES if decides(s, settings.gps))
     return f"{who}, {phases(settings, until_s=until_s)}"
 

@@ -77,29 +77,29 @@ from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.script import script_of
 
 LAW_NODES = {INNER: "inner_loop", OUTER: "outer_loop"}
-"""The node in whose place a law in Python flies, by its loop."""
+"""The node in whose place a controller in Python flies, by its loop."""
 
 
 def own_laws(settings: Settings) -> dict[str, str]:
-    """By loop the law in Python that the settings name; without those that are packaged."""
+    """By loop the controller in Python that the settings name; without those that are packaged."""
     sources = {loop: str(settings.nodes[node][PARAMETER]) for loop, node in LAW_NODES.items()}
     return {loop: source for loop, source in sources.items() if source}
 
 
 def own_words(settings: Settings) -> str:
-    """The same in words, empty for none: my_law:MyLaw in the place of the inner loop."""
+    """The same in words, empty for none: my_law:MyLaw in place of the inner loop."""
     laws = own_laws(settings).items()
-    return ", ".join(f"{short_name(s)} in the place of the {loop} loop" for loop, s in laws)
+    return ", ".join(f"{short_name(s)} in place of the {loop} loop" for loop, s in laws)
 
 
 def laws_words(settings: Settings) -> str:
-    """What controlled the aircraft, in words: packaged laws, a user's file, an autopilot."""
+    """What controlled the aircraft, in words: a preset, a user's file, an autopilot."""
     autopilot = AUTOPILOTS.get(settings.mode)
     return f"{autopilot}'s" if autopilot else Path(settings.laws).stem
 
 
 def without_own(settings: Settings) -> Settings:
-    """The same flight with the packaged laws."""
+    """The same flight with the packaged controllers."""
     packaged_laws = {
         LAW_NODES[loop]: {**settings.nodes[LAW_NODES[loop]], PARAMETER: ""} for loop in LAW_NODES
     }
@@ -107,7 +107,7 @@ def without_own(settings: Settings) -> Settings:
 
 
 def refuse_own_laws(settings: Settings) -> None:
-    """Raise LawError where a law in Python is named for what flies compiled laws alone."""
+    """Raise LawError if a controller in Python is named where only compiled ones can fly."""
     for loop, source in own_laws(settings).items():
         raise LawError(
             f"{LAW_NODES[loop]}: {PARAMETER}: {short_name(source)} is flown by heli hover "
@@ -120,8 +120,8 @@ def refuse_unnamed(settings: Settings, over: Mapping[str, Mapping[str, Any]]) ->
     for loop, source in own_laws(settings).items():
         if PARAMETER not in over.get(LAW_NODES[loop], {}):
             raise LawError(
-                f"{LAW_NODES[loop]}: {PARAMETER}: {source}: a parameter file names this law, "
-                f"whose code would run; if you trust it, name it: --custom-law {source}"
+                f"{LAW_NODES[loop]}: {PARAMETER}: {source}: a parameter file names this "
+                f"controller, whose code would run; if you trust it, name it: --custom-law {source}"
             )
 
 
@@ -282,7 +282,7 @@ class Overridden:
     Attributes
     ----------
     option : str
-        scenario, gps, world, laws, mode, seed, duration or controller.
+        scenario, gps, world, control preset, mode, seed, duration or controller.
     value : object
         What was asked for, and is flown.
     entry : Entry
@@ -347,7 +347,7 @@ class Settings:
     drawn : dict
         By parameter of the plant what the seed has drawn.
     laws : str
-        Name of packaged laws, or the path of some.
+        Name of a packaged control preset, or the path of one.
     process_faults : tuple of str
         Faults of processes, a mapping each.
     mode : str
@@ -415,7 +415,7 @@ class _CommandLine:
         self.overridden: list[Overridden] = []
 
     def choose(self, name: str, option: str | None) -> Any:
-        """Scenario, receiver, world, laws or mode: option, else files, else packaged."""
+        """Scenario, receiver, world, control preset or mode: option, else files, else packaged."""
         entry = default_of(self._user, name)
         if option is None:
             entry = entry or self._packaged.section[name]
@@ -426,9 +426,10 @@ class _CommandLine:
         return option
 
     def laws_of(self, controller: str | None) -> str | None:
-        """The packaged laws of a controller's name: the option's, else the user's files'.
+        """The packaged controllers of a controller's name: the option's, else the user's files'.
 
-        Laws that these files name stay, unless they are packaged or those of their controller.
+        Controllers that these files name stay, unless they are packaged or those of their
+        controller.
         """
         laws, controller_entry = (default_of(self._user, name) for name in ("laws", "controller"))
         replaced = (
@@ -493,11 +494,11 @@ def resolve(
     ----------
     scenario_name, gps, mode, world, laws : str, optional
         A packaged scenario, one of GPS_PRESETS, one of `settings.MODES`, a packaged world or
-        the path of one, packaged laws or the path of some; default: the files', else hover,
-        standalone, lockstep, paper, packaged.
+        the path of one, packaged control preset or the path of one; default: the files', else
+        hover, standalone, lockstep, paper, packaged.
     seed, duration_s, controller : optional
-        Override parameters of plant, scenario and inner loop; a controller of packaged laws takes
-        these along, unless others are named.
+        Override parameters of plant, scenario and inner loop; a controller of packaged controllers
+        takes these along, unless others are named.
     rate_hz : int, optional
         Overrides the parameter of every node.
     process_faults : sequence of str, optional

@@ -56,9 +56,9 @@ class CommandLevel(IntEnum):
     """At which level of the cascade a step commands."""
 
     GUIDANCE = 0
-    """The flight's own way, or a velocity: every packaged law flies."""
+    """The flight's own way, or a velocity: every packaged controller flies."""
     ATTITUDE = 1
-    """Roll, pitch, heading and collective: the attitude law flies."""
+    """Roll, pitch, heading and collective: the attitude controller flies."""
     ACTUATORS = 2
     """The actuators themselves."""
 
@@ -80,13 +80,13 @@ _CHANGED = -2
 
 @njit
 def follow_others(loop, setpoint):
-    """The position law takes a setpoint (4,) of others for its own last command."""
+    """The position controller takes a setpoint (4,) of others for its own last command."""
     copy(loop.outer_s.law.x[MEMORY.command], setpoint)
 
 
 @njit
 def take_actuators(loop, links, tick, given, setpoint, u):
-    """Actuators (4,) that are given fly; the laws go on from them when they are asked again.
+    """Actuators (4,) that are given fly; the controllers go on from them when they are asked again.
 
     setpoint (4,): out, the attitude that is flown, as far as it is known, and the collective.
     """
@@ -103,14 +103,15 @@ def take_actuators(loop, links, tick, given, setpoint, u):
 
 @njit
 def command(loop, links, tick, level, given, times_ns, points, setpoint, u):
-    """The actuators (4,) of a tick, by the laws from a level on; arguments as of `step`."""
+    """The actuators (4,) of a tick, by the controllers from a level on; arguments as of `step`."""
     if level == _GUIDANCE:
         guide(loop, links, tick, times_ns, points, setpoint)
         listen(loop, links, tick, setpoint)
         control(loop, tick)
         command_actuators(loop, tick, u)
         return
-    # The position law keeps looking, so that it may take over at any time; nobody follows it.
+    # The position controller keeps looking, so that it may take over at any time; nobody follows
+    # it.
     guide(loop, links, tick, times_ns, points, scratch(_N_SETPOINT))
     if level == _ATTITUDE:
         copy(setpoint, given)
@@ -241,7 +242,7 @@ class SteppedFlight:
     ----------
     settings : Settings
     parts : Parts, optional
-        Objects that fly in the place of compiled parts.
+        Objects that fly in place of compiled parts.
 
     Raises
     ------
@@ -290,7 +291,7 @@ class SteppedFlight:
 
     @property
     def way(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """What the position law follows: times, ns, and points."""
+        """What the position controller follows: times, ns, and points."""
         return self._course.times_ns, self._course.points
 
     @property
@@ -304,8 +305,8 @@ class SteppedFlight:
         Parameters
         ----------
         asked : callable
-            Of the phases, the stamp of the position law's last step, ns, and its navigation row;
-            what it returns is what the phases say.
+            Of the phases, the stamp of the position controller's last step, ns, and its navigation
+            row; what it returns is what the phases say.
 
         Returns
         -------
@@ -388,7 +389,7 @@ class SteppedFlight:
 
     @property
     def has_own_plant(self) -> bool:
-        """Whether an object flies in the place of the simulated helicopter."""
+        """Whether an object flies in place of the simulated helicopter."""
         return self._parts.plant is not None
 
     # ---------------------------------------------------------------------------------------------
@@ -434,7 +435,7 @@ class SteppedFlight:
         self._due = last + self._course.unasked(last + 1)
 
     def _last_step_ns(self) -> int:
-        """Stamp of the position law's last step, ns; of the flight's first one before that."""
+        """Stamp of the position controller's last step, ns; the flight's first before that."""
         period = self.loop.period_ticks
         return max(self.tick - 1, 0) // period * period * self.rate.tick_ns
 
@@ -443,10 +444,10 @@ class SteppedFlight:
         self._take()
 
     def _fly_at(self, velocity: ArrayLike) -> None:
-        """Have a velocity (4,) flown from the law's next step on, if it is due or has changed."""
+        """Fly a velocity (4,) from the controller's next step on, if it is due or has changed."""
         phases, now_ns = self._course.phases, self._last_step_ns()
         if self.tick == 0 or self.tick % self.loop.period_ticks:
-            return  # the law steps later, and is told then
+            return  # the controller steps later, and is told then
         wanted = np.array(velocity, np.float64)
         if self._sent is not None and phases.phase == Phase.VELOCITY:
             old_ns = now_ns - phases.cruise_ns
@@ -460,7 +461,7 @@ class SteppedFlight:
         self._take()
 
     def _take(self) -> None:
-        """Follow the phases' way, which others than the law's step have changed."""
+        """Follow the phases' way, which others than the controller's step have changed."""
         self._course.scripted = True
         self._course.take()
         self._due = self.tick + self._course.unasked(self.tick) - 1
@@ -489,7 +490,7 @@ class SteppedFlight:
         Raises
         ------
         FlightError
-            It is of another aircraft, other laws, or another seed.
+            It is of another aircraft, other controllers, or another seed.
         """
         same = len(moment.arrays) == len(self._states) and all(
             a.shape == b.shape for a, b in zip(moment.arrays, self._states, strict=True)

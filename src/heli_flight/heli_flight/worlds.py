@@ -25,12 +25,14 @@ from heli_core.rcl_yaml import (
 
 @dataclass(frozen=True)
 class NamedFiles:
-    """One kind of them: worlds, laws.
+    """One kind of them: worlds, control presets.
 
     Attributes
     ----------
     word : str
         Key in the section `flight`.
+    what : str
+        What it is, in words.
     folder : str
         Where the packaged ones lie, under the config folder.
     option : str
@@ -38,6 +40,7 @@ class NamedFiles:
     """
 
     word: str
+    what: str
     folder: str
     option: str
 
@@ -59,7 +62,7 @@ class NamedFiles:
         if path.suffix in (".yaml", ".yml") and path.is_file():
             return path
         raise ParameterError(
-            f"{where or self.option} {name}: unknown {self.word}; known: "
+            f"{where or self.option} {name}: unknown {self.what}; known: "
             f"{', '.join(self.names())}, or the path of a YAML file"
         )
 
@@ -72,32 +75,28 @@ class NamedFiles:
 
 
 # -------------------------------------------------------------------------------------------------
-# Laws: which attitude law, position law and observer a scenario is flown with.
+# Controllers: which attitude controller, position controller and observer a scenario is flown with.
 #
-# A file of laws is an rcl parameter file that says only what differs from the packaged parameters
-# of
-# the three nodes that control the aircraft. It knows nothing of the aircraft, the air or the
-# sensors:
-# those are the world's. A law in Python stands in no such file: the parameter `own_law` of its
-# node
-# names it, and only the command line or Python gives that.
+# A control preset is an rcl parameter file that says only what differs from the packaged parameters
+# of the three nodes that control the aircraft. It has no parameters of the aircraft, the air or the
+# sensors: those are the world's. A controller in Python is in no such file: the parameter `own_law`
+# of its node names it, and only the command line or Python sets that.
 # -------------------------------------------------------------------------------------------------
 
-LAWS = NamedFiles("laws", "laws", "--control-preset")
+LAWS = NamedFiles("laws", "control preset", "laws", "--control-preset")
 PACKAGED = "packaged"
-"""The laws that fly unless others are named: nothing is changed."""
+"""The controllers that fly unless others are named: nothing is changed."""
 SECTIONS = ("observer", "inner_loop", "outer_loop")
-"""What a file of laws may tell."""
+"""What a control preset may tell."""
 # -------------------------------------------------------------------------------------------------
 # Worlds: what air, aircraft and sensors a scenario is flown in, and what the seed draws of them.
 #
 # A world is an rcl parameter file: what it changes in the nodes, and a section `world` with what
-# is
-# drawn per seed. The aircraft that flies is drawn; the controllers keep their own.
+# the seed samples. The true aircraft is sampled; the controllers keep their nominal model.
 # -------------------------------------------------------------------------------------------------
 
 WORLD_SECTION = "world"
-WORLDS = NamedFiles("world", "worlds", "--world")
+WORLDS = NamedFiles("world", "world", "worlds", "--world")
 PAPER = "paper"
 HOVER_TEST_WORLD = "honest"
 """The world of the hover test where neither option nor file names one."""

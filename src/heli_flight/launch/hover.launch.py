@@ -76,7 +76,7 @@ ARGUMENTS = (
         "laws",
         "",
         None,
-        "Attitude law, position law and observer: packaged, paper, or a YAML file "
+        "Attitude controller, position controller and observer: packaged, paper, or a YAML file "
         "(default: those of the controller's name, else packaged)",
     ),
     Argument(
@@ -86,7 +86,7 @@ ARGUMENTS = (
         "Seed of wind and sensors (default: the parameter files'; of several aircraft 1)",
     ),
     Argument("duration", "", None, "Length of the flight, s (default: the parameter files')"),
-    Argument("controller", "", ["", *LAWS], "Attitude law (default: the parameter files')"),
+    Argument("controller", "", ["", *LAWS], "Attitude controller (default: the parameter files')"),
     Argument(
         "lockstep",
         "",
@@ -182,7 +182,7 @@ def _laws(launch_args):
 
 
 def _around(launch_args, users):
-    """Presets of sensors, files of world and laws, and what the seed draws, per node."""
+    """Presets of sensors, files of world and control preset, and what the seed draws, per node."""
     hovers = launch_args["scenario"] == "hover"
     world = launch_args["world"] or (HOVER_TEST_WORLD if hovers else PAPER)
     read, laws = Reader(), _laws(launch_args)

@@ -143,7 +143,8 @@ def test_laws_that_fly_the_same_are_flown_once():
 
 
 @pytest.mark.parametrize(
-    ("laws", "expected"), [("pid,mpc", "--control-preset mpc: unknown laws"), ("pid,pid", "twice")]
+    ("laws", "expected"),
+    [("pid,mpc", "--control-preset mpc: unknown control preset"), ("pid,pid", "twice")],
 )
 def test_laws_that_are_none_are_refused(laws, expected, capsys):
     assert main(["compare", "laws", "--control-preset", laws]) == 2

@@ -168,7 +168,7 @@ def test_a_flight_says_its_laws_and_flies_again(fly, tmp_path, capsys):
     _, first = fly(tmp_path / "a", *words, "--duration", 8)
     assert "controllers: paper" in capsys.readouterr().out
     assert (first["laws"], first["changed"]) == ("paper", [])
-    assert "laws paper" in (tmp_path / "a" / "params.yaml").read_text().splitlines()[1]
+    assert "control preset paper" in (tmp_path / "a" / "params.yaml").read_text().splitlines()[1]
     _, again = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
     same = ["laws", "metrics", "changed", "world", "seed"]
     assert {k: again[k] for k in same} == {k: first[k] for k in same}

@@ -24,7 +24,7 @@ from heli_flight.px4.session import (  # noqa: E402
     SLOW,
     Px4Flight,
     Px4Session,
-    Refused,
+    AnswerRefused,
 )
 from heli_flight.px4.telemetry import SensorTelemetry  # noqa: E402
 from support.px4_peer import ACCEL, BARO, GYRO, MAG, Px4Peer, mixed  # noqa: E402
@@ -186,7 +186,7 @@ def test_an_answer_that_is_not_the_one_waited_for_is_no_step():
     assert pair.send(again) == 0  # a second one to the same
     assert pair.send(ahead) == 0
     assert pair.send(b"".join([again] * 500)) == 0  # a flood
-    assert pair.flight.refused == {Refused.OLD: 501, Refused.CLOCK: 1}
+    assert pair.flight.refused == {AnswerRefused.OLD: 501, AnswerRefused.CLOCK: 1}
     assert pair.physics.tick == 2
     pair.step(armed=False)
 
@@ -202,8 +202,8 @@ def test_what_is_no_message_or_of_another_is_counted_and_the_flight_goes_on():
     spoiled = bytearray(good)
     spoiled[-1] ^= 0xFF
     assert pair.send(bytes(spoiled)) == 0
-    assert pair.flight.refused[Refused.SYSTEM] == 1
-    assert pair.flight.refused[Refused.MALFORMED] > 0
+    assert pair.flight.refused[AnswerRefused.SYSTEM] == 1
+    assert pair.flight.refused[AnswerRefused.MALFORMED] > 0
     # In pieces, and behind them.
     count = 0
     for i in range(len(good)):
@@ -216,7 +216,7 @@ def test_a_frame_longer_than_any_message_is_passed_over():
     # 255 bytes of content that no message of this number has.
     oversize = bytes([0xFD, 255, 0, 0, 0, 1, 1, 93, 0, 0]) + bytes(255 + 2)
     assert pair.send(oversize) == 0
-    assert pair.flight.refused[Refused.MALFORMED] > 0
+    assert pair.flight.refused[AnswerRefused.MALFORMED] > 0
     pair.step(armed=False)
 
 
@@ -235,7 +235,7 @@ def test_a_px4_without_lockstep_and_a_multicopter_are_named_once():
     for _ in range(3):
         pair.step([0.5, 0.5, 0.5, 0.5])
     assert pair.flight.notes == [NO_LOCKSTEP, MULTICOPTER]
-    assert pair.flight.refused == {Refused.LOCKSTEP: 3}
+    assert pair.flight.refused == {AnswerRefused.LOCKSTEP: 3}
 
 
 def test_it_goes_on_without_an_answer_while_px4_starts_and_says_so_later():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Attitude laws: H-infinity synthesis with its certificate, LQR, PID, and the proof of loops."""
+"""Attitude controllers: H-infinity synthesis with its certificate, LQR, PID, proof of loops."""
 
 from heli_core.faces import face
 

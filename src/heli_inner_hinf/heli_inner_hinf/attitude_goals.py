@@ -121,7 +121,7 @@ def surroundings_plant(
 
 
 # -------------------------------------------------------------------------------------------------
-# Structures of attitude laws.
+# Structures of attitude controllers.
 # -------------------------------------------------------------------------------------------------
 
 
@@ -140,7 +140,7 @@ def state_structure(n_x: int) -> LawStructure:
 
 
 def output_structure(order: int) -> LawStructure:
-    """All matrices of a law of that order that reads `INPUTS`, row by row."""
+    """All matrices of a controller of that order that reads `INPUTS`, row by row."""
     return output_feedback(order, N_U, N_V)
 
 
@@ -171,7 +171,7 @@ def output_scale(order: int) -> Vector:
 
 
 def flyable(law: System) -> OutputLaw:
-    """The law as the kernel flies it; its memory rests where an actuator is cut off.
+    """The controller as the kernel flies it; its memory rests where an actuator is cut off.
 
     L sends the part that is cut off back to the states along the least-squares inverse of C, so
     slowly that what the states ask for beyond the limits fades within `_UNWINDING_S`.

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A linear law with memory, from the measured states alone: the kernel of every output feedback.
+"""A dynamic linear controller from the measured states: the kernel of all output feedback.
 
 Each tick of 10 ms, in deviations from trim (`read_inputs` fills v):
 
     u_lin = C x + D v,   u = clip(u_lin),   x+ = A x + B v + L (u - u_lin)
 
-Heading enters only as psi - psi_ref, so that the law does not depend on which way is north; a new
-psi_ref then moves that error without a motion, and `turn` moves the law's memory with it. Errors of
-pitch and heading are turned by the bank beyond trim into the axes in which the rates q, r mend
-them: at 30 deg, which side wind takes, Euler angles cost both loops 30 deg of phase.
+Heading enters only as psi - psi_ref, so that the controller does not depend on which way is north;
+a new psi_ref then moves that error without a motion, and `turn` moves the controller's memory with
+it. Errors of pitch and heading are turned by the bank beyond trim into the axes in which the rates
+q, r mend them: at 30 deg, which side wind takes, Euler angles cost both loops 30 deg of phase.
 """
 
 import enum
@@ -29,14 +29,14 @@ from heli_core.ticks import TICK_S, Rate
 from heli_inner_hinf.regular_form import Matrix
 
 # -------------------------------------------------------------------------------------------------
-# Output law.
+# Output controller.
 # -------------------------------------------------------------------------------------------------
 
 INPUTS = ("phi", "theta", "p", "q", "r", "psi_error", "phi_ref", "theta_ref")
 """v: deviations from trim, rad and rad/s; the first six in the order of `MEASURED`."""
 N_V, N_U = len(INPUTS), len(INPUT_NAMES)
 MAX_ORDER = 32
-"""Most states that a law may have."""
+"""Most states that a controller may have."""
 
 _PSI_ERROR, _PHI_REF, _THETA_REF = (
     INPUTS.index(name) for name in ("psi_error", "phi_ref", "theta_ref")
@@ -47,7 +47,7 @@ _MEMORY_S = 1.0
 
 @by_reference
 class OutputLaw(NamedTuple):
-    """Numbers of the law; actuators in (-1, 1), angles rad, rates rad/s, one step a tick.
+    """Numbers of the controller; actuators in (-1, 1), angles rad, rates rad/s, one step a tick.
 
     Attributes
     ----------
@@ -55,11 +55,11 @@ class OutputLaw(NamedTuple):
         x+ = A x + B v, u = C x + D v; n from 0 to `MAX_ORDER`, v as `INPUTS`.
     L : (n, 3) array
         What the cut-off part of the command, u - u_lin, does to the state (conditioning against
-        wind-up); for a law with an observer inside its input matrix: the observer then hears what
-        was really flown.
+        wind-up); for a controller with an observer inside its input matrix: the observer then hears
+        what was really flown.
     turn : (n,) array
         By how much the state follows, per rad by which a new psi_ref moves the heading error; for a
-        law with an observer of that error inside the unit vector of its estimate.
+        controller with an observer of that error inside the unit vector of its estimate.
     """
 
     A: NDArray[np.float64]
@@ -78,7 +78,7 @@ def output_law(
     L: ArrayLike | None = None,
     turn: ArrayLike | None = None,
 ) -> OutputLaw:
-    """A checked law from its matrices, flat row by row or shaped; L and turn: zero by default.
+    """A checked controller from its matrices, flat by rows or shaped; L, turn: zero by default.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _matrix(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.f
 
 
 NO_LAW = output_law(np.zeros((0, 0)), np.zeros((0, N_V)), np.zeros((N_U, 0)), np.zeros((N_U, N_V)))
-"""What the kernel of another kind of law carries."""
+"""What the kernel of another kind of controller carries."""
 
 
 @njit
@@ -166,7 +166,7 @@ def advance(law, x, v, cut):
 def state_at_rest(
     law: OutputLaw, v: ArrayLike, u: ArrayLike, tick_s: float = TICK_S
 ) -> NDArray[np.float64]:
-    """State (n,) at which the law rests with v (8,) held and commands u (3,), as nearly as can be.
+    """State (n,) at which the controller rests with v (8,) held and commands u (3,), if it can.
 
     Least squares of the drift in one tick and of the command's error, in which modes that forget in
     less than a second rest, and slower ones, integrators above all, carry the command.
@@ -192,7 +192,8 @@ def _at_rest(law: OutputLaw, tick_s: float) -> tuple[NDArray[np.float64], ...]:
 
 
 # -------------------------------------------------------------------------------------------------
-# What every attitude law shares: the kernel's numbers and the layout of its small state array.
+# What every attitude controller shares: the kernel's numbers and the layout of its small state
+# array.
 # -------------------------------------------------------------------------------------------------
 
 CONTROLLERS = {
@@ -204,10 +205,10 @@ CONTROLLERS = {
     "matrices": 2,
     "indi": 2,
 }
-"""Names in the YAML and the kind of law that each is."""
+"""Names in the YAML and the kind of controller that each is."""
 
 STATE_FEEDBACK, PID, OUTPUT_FEEDBACK = 0, 1, 2
-"""Kinds of law, by which the kernel chooses."""
+"""Kinds of controller, by which the kernel chooses."""
 
 # Layout of the state array (N_LAW_STATE,): where a part begins.
 LAST_U = 0  # (3) last output, -1..1
@@ -215,7 +216,7 @@ INTEGRAL = 3  # (3) PID: integrators, actuator units; state feedback: shift of t
 OFFSET = 6  # (3) bumpless offset, actuator units, fading
 LAST_X = 9  # (9) newest finite x9
 LAST_R = 18  # (3) newest finite r3
-RUN = 21  # 1.0 once the law has run
+RUN = 21  # 1.0 once the controller has run
 RELAXED = 22  # 1.0 while it rests on the ground, 2.0 while a pilot flies by hand
 MEMORY = 23  # (MAX_ORDER) output feedback: its state x, then unused places
 N_LAW_STATE = MEMORY + MAX_ORDER
@@ -247,12 +248,12 @@ class AttitudeStatus(enum.IntEnum):
 
 @by_reference
 class AttitudeParams(NamedTuple):
-    """Numbers of an attitude law; angles rad, rates rad/s, actuators in (-1, 1).
+    """Numbers of an attitude controller; angles rad, rates rad/s, actuators in (-1, 1).
 
     Attributes
     ----------
     controller : int
-        Kind of the law (`CONTROLLERS`).
+        Kind of the controller (`CONTROLLERS`).
     F, H, G : (3, 9), (3, 3), (3, 3) arrays
         State feedback (of the state predicted over the known lag: F Phi of eq. (15)), feedback of
         the last command (F Gamma; zero without prediction) and feedforward of eq. (15), (17).
@@ -274,7 +275,7 @@ class AttitudeParams(NamedTuple):
     ground_collective, ground_side : float
         Collectives beyond the first, on the side of the sign of the second, are those of standing.
     tick_s : float
-        Between two steps of the law, s.
+        Between two steps of the controller, s.
     """
 
     controller: int
@@ -297,7 +298,7 @@ class AttitudeParams(NamedTuple):
 
 
 def initial_law_state(k: AttitudeParams) -> np.ndarray:
-    """State (N_LAW_STATE,) of a law that has flown its trim so far."""
+    """State (N_LAW_STATE,) of a controller that has flown its trim so far."""
     state = np.zeros(N_LAW_STATE)
     state[LAST_U : LAST_U + 3] = np.clip(k.u_trim, -k.limit, k.limit)
     state[LAST_X : LAST_X + 9] = k.x_trim
@@ -318,7 +319,7 @@ def nine_states(nav, rotor, x9):
 
 @njit
 def save_state(x9, r3, state):
-    """Keep what a law has read, for whoever goes on from it."""
+    """Keep what a controller has read, for whoever goes on from it."""
     copy_part(state, LAST_X, x9, 0, 9)
     copy_part(state, LAST_R, r3, 0, 3)
 
@@ -348,7 +349,7 @@ class Actuation:
     delay_s : float
         Transport delay from the computation within tick n, s (0.01: acts from tick n+1).
     tick_s : float
-        Between two steps of the law, s.
+        Between two steps of the controller, s.
     """
 
     servo_radps: float = 38.0
@@ -397,8 +398,8 @@ class ObserverInput:
 def predicting_gains(A: Matrix, B: Matrix, F: Matrix, prediction_s: float) -> tuple[Matrix, Matrix]:
     """F Phi (3, 9) and F Gamma (3, 3) over `prediction_s`, with u held.
 
-    The law then is u_n = F Phi x_n + F Gamma u_(n-1). At rest Phi x + Gamma u = x, so that the
-    feedforward G of eq. (15) stays as it is.
+    The controller then is u_n = F Phi x_n + F Gamma u_(n-1). At rest Phi x + Gamma u = x, so that
+    the feedforward G of eq. (15) stays as it is.
     """
     if prediction_s == 0.0:
         return F.copy(), np.zeros((F.shape[0], B.shape[1]))

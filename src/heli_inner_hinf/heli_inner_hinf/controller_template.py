@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A template for an attitude law of your own: copy it, change `user_law`, and put it into the
+"""A template for your own attitude controller: copy it, change `user_law`, and put it into the
 graph.
 
-1. Copy this file and write the law: the five arguments of `attitude_law`, in njit's subset of
+1. Copy this file and write the controller: the five arguments of `attitude_law`, in njit's subset
+of
    Python.
 2. Give it a name in `controller_state.CONTROLLERS` (`"mine": 3`, a kind of its own): this makes
    `controller: mine` a valid parameter. Its margins are not judged: the kernel's linear form is
-   known for the kinds that are there (`loops.linear_law_of`). A linear law needs no kernel:
+   known for the kinds that are there (`loops.linear_law_of`). A linear controller needs no kernel:
    `controller: matrices`.
 3. Call it in a branch of `controllers.attitude_law`, beside `pid_law`. Limits, NaN, status and the
-   bumpless offset are done there: the law only writes its unlimited command.
+   bumpless offset are done there: the controller only writes its unlimited command.
 4. Numbers that it needs go into `AttitudeParams` and, as parameters, into `parameters.TABLE`
    and `config/inner_loop.yaml`.
 
-The example is a law that works: angles by proportional gain, rates by damping, one axis each.
+The example is a controller that works: angles by proportional gain, rates by damping, one axis
+each.
 """
 
 from heli_core.jit import njit
@@ -32,9 +34,9 @@ def user_law(x9, r3, k, state, u3):
     r3 : (3,) array
         Commanded phi, theta, psi, absolute, rad, places of `SETPOINT`; finite.
     k : AttitudeParams
-        Numbers of the law; here K_P, K_D and u_trim.
+        Numbers of the controller; here K_P, K_D and u_trim.
     state : (N_LAW_STATE,) array
-        Memory; see the layout in `controller_state`. This law has none.
+        Memory; see the layout in `controller_state`. This controller has none.
     u3 : (3,) array
         Out: d_lat, d_lon, d_ped, absolute.
     """

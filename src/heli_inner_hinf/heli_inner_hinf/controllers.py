@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude law: state feedback by eq. (17), output feedback or PID, one step a tick.
+"""The attitude controller: state feedback by eq. (17), output feedback or PID, one step a tick.
 
 `attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10) (places `NINE`, rad,
 rad/s) and the absolute commands phi, theta, psi (places `SETPOINT`, rad), and writes the absolute
-actuators d_lat, d_lon, d_ped. an own law goes into a branch here; `controller_template` shows one.
+actuators d_lat, d_lon, d_ped. your own controller goes into a branch here; `controller_template`
+shows one.
 """
 
 import numpy as np
@@ -37,7 +38,7 @@ from heli_inner_hinf.controller_state import (
 )
 
 # -------------------------------------------------------------------------------------------------
-# PID attitude law for roll, pitch, yaw: the baseline of the paper's Fig. 3.
+# PID attitude controller for roll, pitch, yaw: the baseline of the paper's Fig. 3.
 #
 # Three single loops on the same nine-state estimate, from which it takes phi, theta, psi and p, q,
 # r:
@@ -77,7 +78,7 @@ def pid_law(x9, r3, k, state, u3):
 
 
 # -------------------------------------------------------------------------------------------------
-# Attitude law.
+# Attitude controller.
 # -------------------------------------------------------------------------------------------------
 
 __all__ = [
@@ -101,7 +102,8 @@ def linear_law(x9, r3, k, state, u3):
     Eq. (17) at the state as it will be when the command reaches the rotor
     (`loops.predicting_gains`). psi enters as the wrapped difference psi - psi_ref: heading is a
     pure integrator of the model, so that the psi column of G is minus that of F (eq. (15)) and the
-    law does not depend on which way is north. s is the shift of `shift_target`, zero by default.
+    controller does not depend on which way is north. s is the shift of `shift_target`, zero by
+    default.
     """
     shift = state[INTEGRAL : INTEGRAL + 3]
     psi_error = wrap_pi(x9[NINE.psi] - r3[SETPOINT.psi]) - shift[SETPOINT.psi]
@@ -150,7 +152,7 @@ def output_feedback(v, r3, k, state, u3):
 
 @njit
 def attitude_law(x9, r3, k, state, u3):
-    """One tick of the law that `k.controller` names.
+    """One tick of the controller that `k.controller` names.
 
     Parameters
     ----------
@@ -214,15 +216,15 @@ def swap_bumpless(
     """Prepare `state` (in place) so that `k_new` goes on from what is flown.
 
     Output feedback starts at rest (`state_at_rest`). The difference between the flown command and
-    what the new law would give at the newest state becomes the new PID's integrator, or an offset
-    of the other laws that fades with `k_new.offset_decay`.
+    what the new controller would give at the newest state becomes the new PID's integrator, or an
+    offset of the other controllers that fades with `k_new.offset_decay`.
 
     Parameters
     ----------
     state : (N_LAW_STATE,) array
     k_new : AttitudeParams
     u_flown : (3,) array, optional
-        d_lat, d_lon, d_ped as flown; default: the law's own last output.
+        d_lat, d_lon, d_ped as flown; default: the controller's own last output.
     """
     flown = state[LAST_U : LAST_U + 3].copy() if u_flown is None else np.asarray(u_flown, float)
     state[LAST_U : LAST_U + 3] = np.clip(flown, -k_new.limit, k_new.limit)

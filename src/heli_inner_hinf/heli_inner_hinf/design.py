@@ -58,13 +58,13 @@ from heli_inner_hinf.synthesis import Lqr, Synthesis, lqr, synthesize
 
 _OF_LINKS = ("link_faults", "link_seed")
 LEAST_GAMMA_FACTOR = 1.05
-"""Of gamma*: nearer to it a law loses its margins; a bound that is chosen here is not lower."""
+"""Of gamma*: nearer to it a controller loses its margins; no bound chosen here is lower."""
 _FROM_HOVER = 0.1
 """Least distance of the collective of standing from hover's."""
 
 
 class UnknownControllerError(SynthesisError):
-    """`controller` names no law."""
+    """`controller` names no controller."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +95,13 @@ class AttitudeConfig:
     K_P, K_I, K_D : (3,) arrays
         PID gains of roll, pitch, yaw.
     output : OutputSynthesis or None
-        Law and certificate of `hinf_output`; None with another controller.
+        Controller and certificate of `hinf_output`; None with another controller.
     law : OutputLaw
         Of order zero unless the controller is output feedback.
     margin_floor : float
-        Disk margin below which a law is refused.
+        Disk margin below which a controller is refused.
     ground_collective : float
-        Beyond it, seen from hover's, the aircraft stands and the law rests.
+        Beyond it, seen from hover's, the aircraft stands and the controller rests.
     """
 
     controller: str
@@ -203,7 +203,7 @@ class AttitudeConfig:
         return config
 
     def _refuse_rest_in_hover(self) -> None:
-        """Raise if the law would rest near the collective of hover."""
+        """Raise if the controller would rest near the collective of hover."""
         hover = self.u_trim[ACTUATOR.col]
         if not abs(self.ground_collective - hover) >= _FROM_HOVER:
             raise ShapeError(
@@ -285,7 +285,7 @@ class AttitudeConfig:
 
     @cached_property
     def judgement(self) -> Assessment | None:
-        """The loop as flown; None for a kind of law whose linear form is not known."""
+        """The loop as flown; None for a kind of controller whose linear form is not known."""
         feedback = feedback_of(self.params)
         return feedback and judge(self.A, self.B, feedback, self.actuation)
 
@@ -361,7 +361,7 @@ class LiveDesign:
     config : AttitudeConfig
         What is flown.
     state : (N_LAW_STATE,) array
-        State of the law; it belongs to this object.
+        State of the controller; it belongs to this object.
     """
 
     def __init__(self, config: AttitudeConfig) -> None:
@@ -415,7 +415,7 @@ def added_weights(parameters: Mapping[str, Any], section: str = "output") -> Out
 
 
 def _law_of(parameters: Mapping[str, Any], A: Matrix, B: Matrix, actuation: Actuation) -> OutputLaw:
-    """Output feedback that needs no weights; of order zero for any other law."""
+    """Output feedback that needs no weights; of order zero for any other controller."""
     if parameters["controller"] == "indi":
         keys = (f"indi.{gain}" for gain in IndiGains._fields)
         return indi_law(A, B, IndiGains(*(shaped(k, parameters[k], (3,)) for k in keys)), actuation)

@@ -8,8 +8,8 @@ commands behind transport delay and servos (`actuation`):
     x(t+1) = x_trim + Phi (x(t) - x_trim) + Gamma (servo(t) - u_trim)
 
 An estimate of this very tick is flown to the last bit. One that is older than `timeout_ticks` is
-none: the law then repeats its last command, which the model has brought near to that of a level
-attitude by then.
+none: the controller then repeats its last command, which the model has brought near to that of a
+level attitude by then.
 """
 
 from collections.abc import Mapping
@@ -218,7 +218,7 @@ class CommandRow(NamedTuple):
     attitude: slice = slice(0, 3)
     psi: int = 2
     col: int = 3
-    manual: slice = slice(4, 7)  # about trim; NaN while the law flies
+    manual: slice = slice(4, 7)  # about trim; NaN while the controller flies
     size: int = 7
 
 
@@ -244,7 +244,7 @@ def no_command(k: EstimateParams, collective: float) -> HeardCommand:
 
 @njit
 def listen(state, command, inbox, tick, k, x9, aim):
-    """Take what has come for a tick; what the law is to fly, and from where.
+    """Take what has come for a tick; what the controller is to fly, and from where.
 
     Parameters
     ----------

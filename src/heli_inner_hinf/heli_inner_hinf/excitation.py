@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Excitation of the actuators for identification: sines on top of the law, with a way out.
+"""Excitation of the actuators for identification: sines on top of the controller, with a way out.
 
-Added after the attitude law and the outer loop's collective, before the actuators' limits. It fades
-out for the rest of the flight, and says why, when roll or pitch leaves its limit around trim or an
-actuator has stood at its limit for too long.
+Added after the attitude controller and the outer loop's collective, before the actuators' limits.
+It fades out for the rest of the flight, and says why, when roll or pitch leaves its limit around
+trim or an actuator has stood at its limit for too long.
 """
 
 import enum
@@ -167,14 +167,15 @@ def excite(time_s, x9, k, state, law_state, u4):
     time_s : float
         Flight time.
     x9 : (9,) array
-        Absolute states that the law has acted on; not finite: the excitation is given up at once.
+        Absolute states that the controller has acted on; not finite: the excitation is given up at
+        once.
     k : ExcitationParams
     state : (N_EXCITATION_STATE,) array
         Changed in place.
     law_state : (N_LAW_STATE,) array
-        State of the attitude law: its last output becomes what is really flown.
+        State of the attitude controller: its last output becomes what is really flown.
     u4 : (4,) array
-        Commands of law and outer loop; changed in place.
+        Commands of controller and outer loop; changed in place.
 
     Returns
     -------
@@ -209,13 +210,13 @@ def excite(time_s, x9, k, state, law_state, u4):
 
 
 # -------------------------------------------------------------------------------------------------
-# A sweep added to the measured attitude that the law reads: how it rejects disturbances.
+# A sweep added to the measured attitude that the controller reads: how it rejects disturbances.
 #
-# The law answers the sum of true and added attitude, of which `heli score --response
+# The controller answers the sum of true and added attitude, of which `heli score --response
 # --disturbance`
 # takes the response to what was added: bandwidth and peak of disturbance rejection (Blanken,
 # Tischler
-# et al.). Nothing else than the law hears of it.
+# et al.). Nothing else than the controller hears of it.
 # -------------------------------------------------------------------------------------------------
 
 AXES = ("roll", "pitch", "yaw")
@@ -224,7 +225,7 @@ PLACES = (NINE.phi, NINE.theta, NINE.psi)
 
 DISTURBANCE_ROWS: tuple[Parameter, ...] = (
     Parameter("disturbance.axis", "string", "Measured angle that a sweep is added to before the "
-              "law reads it", choices=AXES, read_only=True),
+              "controller reads it", choices=AXES, read_only=True),
     Parameter("disturbance.amplitude_deg", "double", "Its amplitude; 0: none", "deg", lower=0.0,
               upper=10.0, read_only=True),
     Parameter("disturbance.from_hz", "double", "Frequency at which it begins", "Hz", lower=0.005,

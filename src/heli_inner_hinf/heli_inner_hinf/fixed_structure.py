@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of a given structure: goals of the closed loop with their gradients, and their descent.
+"""Controllers of a given structure: goals of the closed loop with gradients, and descent.
 
-A plant takes disturbances w and commands u to goals' outputs z and measurements y; a law
-`u = K y` with or without memory closes it. The law's matrices `K = [[A_k, B_k], [C_k, D_k]]` depend
-affinely on free parameters: static gains, a PID, output feedback of a given order, F and G of
-eq. (17), or blocks of these side by side (a cascade). With the law's states joined to the plant's
-the closed loop is affine in K, so every goal has one gradient rule (Apkarian, Noll, "Nonsmooth
-H-infinity synthesis", IEEE TAC 51(1), 2006; Burke, Henrion, Lewis, Overton, "HIFOO", ROCOND 2006):
+A plant takes disturbances w and commands u to goals' outputs z and measurements y; a controller
+`u = K y` with or without memory closes it. The controller's matrices `K = [[A_k, B_k], [C_k, D_k]]`
+depend affinely on free parameters: static gains, a PID, output feedback of a given order, F and G
+of eq. (17), or blocks of these side by side (a cascade). With the controller's states joined to the
+plant's the closed loop is affine in K, so every goal has one gradient rule (Apkarian, Noll,
+"Nonsmooth H-infinity synthesis", IEEE TAC 51(1), 2006; Burke, Henrion, Lewis, Overton, "HIFOO",
+ROCOND 2006):
 
     A = A_0 + B_2 K C_2,  B = B_1 + B_2 K D_21,  C = C_1 + D_12 K C_2,  D = D_11 + D_12 K D_21.
 
@@ -62,7 +63,7 @@ class StructuredPlant:
     dt_s: float = 0.0
 
     def joined(self, order: int) -> StructuredPlant:
-        """The plant with the states of a law of that order, which the law's matrices then feed."""
+        """The plant with the states of a controller of that order, which its matrices then feed."""
         if order == 0:
             return self
         n, eye = self.A.shape[0], np.eye(order)
@@ -119,7 +120,7 @@ class LawStructure:
     Attributes
     ----------
     order : int
-        Number of the law's states.
+        Number of the controller's states.
     base : (k + n_u, k + n_y) array
     basis : (m, k + n_u, k + n_y) array
     """
@@ -148,7 +149,7 @@ class LawStructure:
 
 
 def affine(law: Callable[[Vector], System], size: int) -> LawStructure:
-    """The structure of laws that depend affinely on `size` numbers, from a function of them."""
+    """Structure of controllers that are affine in `size` numbers, from a function of them."""
 
     def stacked(numbers: Vector) -> Matrix:
         A, B, C, D = law(numbers)
@@ -170,7 +171,7 @@ def output_feedback(order: int, n_u: int, n_y: int) -> LawStructure:
 
 
 def side_by_side(*structures: LawStructure) -> LawStructure:
-    """Blocks of a cascade or of a decentralised law: each with its own y, u and parameters."""
+    """Blocks of a cascade or decentralised controller: each with its own y, u and parameters."""
     orders = [one.order for one in structures]
     total = sum(orders)
 
@@ -398,7 +399,7 @@ _AT_REST_RADPS = -1e-6
 
 @dataclass(frozen=True)
 class TuningProblem:
-    """Goals for one law.
+    """Goals for one controller.
 
     Attributes
     ----------
@@ -431,7 +432,7 @@ class TuningProblem:
         return tuple(keys.index(key) for key in keys)
 
     def closed(self, place: int, K: Matrix) -> System:
-        """The closed loop of a goal with the law's matrices K."""
+        """The closed loop of a goal with the controller's matrices K."""
         p = self._plants[place]
         forward, back = p.B2 @ K, p.D12 @ K
         return System(
@@ -696,8 +697,8 @@ def tune(
             best = rank, x
     if best is None:
         raise NotStabilizedError(
-            f"none of {starts} starts leads to a law of this structure with which every loop is "
-            "stable"
+            f"none of {starts} starts leads to a controller of this structure with every "
+            "loop stable"
         )
     return Tuned(problem, best[1], problem.reached(best[1]), tuple(ends))
 

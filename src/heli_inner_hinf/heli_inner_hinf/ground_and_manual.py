@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude law from the ground to the air and back, and by hand: what the loops call.
+"""The attitude controller from the ground to the air and back, and by hand: what the loops call.
 
-Skids hold attitude and heading against whatever the law does, so a law with memory winds up there;
-cyclic that it then commands tips the aircraft over the skid that touches last (dynamic rollover:
-FAA-H-8083-21B, Helicopter Flying Handbook, ch. 11). So while the collective is one of standing
-(`AttitudeParams.ground_collective`) the memory is at rest and cyclic and pedal fade to trim; with
-more collective the law goes on from them as `swap_bumpless` does: its memory as at rest with what
-is read and commanded, and the difference to what it would command fades.
+Skids hold attitude and heading against whatever the controller does, so a controller with memory
+winds up there; cyclic that it then commands tips the aircraft over the skid that touches last
+(dynamic rollover: FAA-H-8083-21B, Helicopter Flying Handbook, ch. 11). So while the collective is
+one of standing (`AttitudeParams.ground_collective`) the memory is at rest and cyclic and pedal fade
+to trim; with more collective the controller goes on from them as `swap_bumpless` does: its memory
+as at rest with what is read and commanded, and the difference to what it would command fades.
 
 By hand a pilot's deflections about trim are flown in its place: nothing between stick and actuator
-but the yaw-rate gyro of the aircraft. The law then goes on in the same way.
+but the yaw-rate gyro of the aircraft. The controller then goes on in the same way.
 """
 
 from collections.abc import Callable
@@ -41,7 +41,7 @@ from heli_inner_hinf.controller_state import (
 from heli_inner_hinf.controllers import attitude_law, linear_law, output_feedback, pid_terms
 
 # -------------------------------------------------------------------------------------------------
-# Ground law.
+# Ground controller.
 # -------------------------------------------------------------------------------------------------
 
 _NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
@@ -58,7 +58,7 @@ def stands(collective, k):
 
 @njit
 def _relax(x9, r3, k, state, u3):
-    """One tick at rest: memory as of a law that has flown its trim, output on its way there."""
+    """One tick at rest: memory of a controller that has flown its trim, output on its way there."""
     for i in range(3):
         away = state[LAST_U + i] - k.u_trim[i]
         u3[i] = k.u_trim[i] + k.offset_decay * away
@@ -123,7 +123,7 @@ def law_of_tick(x9, r3, collective, k, state, u3):
 
 @njit
 def _fly_by_hand(x9, r3, manual3, k, state, u3):
-    """One tick of a pilot's hand; what was flown before it fades, the law's memory is at rest."""
+    """One tick of a pilot's hand; the command before it fades, the controller's memory rests."""
     if state[RELAXED] != _HANDED:
         for i in range(3):
             state[OFFSET + i] = state[LAST_U + i] - k.u_trim[i] - manual3[i]
@@ -147,7 +147,7 @@ def _fly_by_hand(x9, r3, manual3, k, state, u3):
 
 @njit
 def stand_by(x9, r3, u3, state):
-    """One tick at which others command the actuators u3 (3,), absolute: the law goes on from them.
+    """One tick with actuators u3 (3,), absolute, commanded by others: the controller follows on.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def law_or_manual(x9, r3, collective, manual3, k, state, u3):
     x9, r3, collective, k, state, u3
         As of `law_of_tick`.
     hand3 : (3,) array
-        Deflections of d_lat, d_lon, d_ped about trim; NaN while the law flies.
+        Deflections of d_lat, d_lon, d_ped about trim; NaN while the controller flies.
 
     Returns
     -------
@@ -187,26 +187,25 @@ def law_or_manual(x9, r3, collective, manual3, k, state, u3):
 
 
 # -------------------------------------------------------------------------------------------------
-# A law given in Python, flown in the place of the attitude law.
+# A controller given in Python, flown in place of the attitude controller.
 #
 # It reads x (9,), the states of eq. (10) (places `NINE`, rad and rad/s, absolute), and r (3,), the
 # commanded phi, theta, psi (places `SETPOINT`, rad, absolute), and gives d_lat, d_lon, d_ped,
-# absolute, in (-1, 1), every tick. What is around a law stays: on the ground the actuators rest in
-# trim, a pilot's hand goes before it, its actuators are cut at `actuator_limit`, and where it
-# begins
-# in flight the difference to what was flown fades.
+# absolute, in (-1, 1), every tick. What is around a controller stays: on the ground the actuators
+# rest in trim, a pilot's hand goes before it, its actuators are cut at `actuator_limit`, and where
+# it begins in flight the difference to what was flown fades.
 # -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 
 
 class OwnAttitudeLaw:
-    """What calls the law once a tick.
+    """What calls the controller once a tick.
 
     Parameters
     ----------
     law : PythonLaw or None
-        Of the inner loop; None: the packaged law flies.
+        Of the inner loop; None: the packaged controller flies.
     """
 
     def __init__(self, law: PythonLaw | None) -> None:
@@ -215,7 +214,7 @@ class OwnAttitudeLaw:
 
     @property
     def failure(self) -> str:
-        """What the law has done wrong in flight, and what is flown; empty for nothing."""
+        """What the controller has done wrong in flight, and what is flown; empty for nothing."""
         if self.law is None or not self.law.failure:
             return ""
         return f"{self.law.failure}; the last good command is held"
@@ -239,7 +238,7 @@ class OwnAttitudeLaw:
     ) -> int:
         """One tick; arguments and outcome as of `law_or_hand`, which is `packaged`.
 
-        Where the law has failed the last command is repeated: NOT_FINITE, and `law.failure`.
+        Where the controller has failed the last command is repeated: NOT_FINITE, and `law.failure`.
         """
         if self.law is None:
             return packaged(x9, r3, collective, manual3, k, state, u3)
@@ -269,7 +268,7 @@ class OwnAttitudeLaw:
 
 
 def own_law(source: str) -> OwnAttitudeLaw:
-    """The law of the parameter `own_law`; empty: the packaged one.
+    """The controller of the parameter `own_law`; empty: the packaged one.
 
     Raises
     ------
@@ -279,5 +278,5 @@ def own_law(source: str) -> OwnAttitudeLaw:
         return OwnAttitudeLaw(None)
     law = find(source)
     if law.loop != INNER:
-        raise LawError(f"law {law.name}: is of the {law.loop} loop; here: the {INNER} loop")
+        raise LawError(f"controller {law.name}: is of the {law.loop} loop; here: the {INNER} loop")
     return OwnAttitudeLaw(law)

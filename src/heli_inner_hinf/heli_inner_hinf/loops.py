@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude loop: state feedback, with observer (19), and, for every law, as it is flown.
+"""The attitude loop: state feedback, with observer (19), and, for every controller, as it is flown.
 
 Each is a generalised plant and a controller, python-control systems with named signals, deviations
 from trim, SI and rad. The plant's inputs are the wind, the commanded attitude and the actuators;
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     import control
 
 # -------------------------------------------------------------------------------------------------
-# The loop as flown, in plain arrays: what a law is judged by before it may fly.
+# The loop as flown, in plain arrays: what a controller is judged by before it may fly.
 #
 # Whatever flies imports this; `loops` makes python-control's systems of the same arrays.
 # -------------------------------------------------------------------------------------------------
@@ -73,7 +73,7 @@ class OutputFeedback(NamedTuple):
 
 
 class Assessment(NamedTuple):
-    """What the loop as flown is worth with a law: of state feedback without the observer's part.
+    """Margins of the loop as flown with a controller; of state feedback without the observer.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Assessment(NamedTuple):
         Largest modulus of its eigenvalues, per tick; stable below one.
     disk_input, disk_output : float
         Disk margins (`DiskMargin.alpha`), all channels at once, at the plant's input and at what
-        the law reads; 0 if the loop is not stable.
+        the controller reads; 0 if the loop is not stable.
     """
 
     radius: float
@@ -120,7 +120,7 @@ def pid_as_output_law(
 
 
 def linear_law_of(k: AttitudeParams) -> OutputLaw | None:
-    """Output feedback, or what equals the PID away from the limits; None for other kinds of law."""
+    """Output feedback, or the PID's equal away from the limits; None for other controllers."""
     if k.controller == PID:
         return pid_as_output_law(k.K_P, k.K_I, k.K_D, k.tick_s)
     return k.law if k.controller == OUTPUT_FEEDBACK else None
@@ -138,7 +138,7 @@ def feedback_of(k: AttitudeParams) -> OutputFeedback | None:
 
 
 def feedback_of_law(law: OutputLaw) -> OutputFeedback:
-    """A law without commands."""
+    """A controller without commands."""
     n_y = len(MEASURED)
     return OutputFeedback(law.A, law.B[:, :n_y], law.C, law.D[:, :n_y], MEASURED)
 
@@ -156,7 +156,7 @@ def _state_feedback(k: AttitudeParams) -> OutputFeedback:
 
 
 def closed_loop(A: Matrix, B: Matrix, feedback: OutputFeedback, actuation: Actuation) -> Matrix:
-    """State matrix of the loop of A (9, 9), B (9, 3) as flown; plant's states, then the law's."""
+    """State matrix of the loop of A (9, 9), B (9, 3) as flown; states of plant, then controller."""
     return closed(*flown_plant(A, B, actuation), feedback)
 
 
@@ -218,7 +218,7 @@ class Loop:
     controller : control.StateSpace
         Inputs y and `COMMANDS`; outputs d_lat d_lon d_ped.
     turned : bool
-        Whether in flight the law turns its errors by the bank beyond trim (`output_law`).
+        Whether in flight the controller turns its errors by the bank beyond trim (`output_law`).
     """
 
     name: str
@@ -233,7 +233,7 @@ class Loop:
 
     @cached_property
     def closed(self) -> control.StateSpace:
-        """`WIND`, `COMMANDS` -> `H`, `POSITIONS`; states of the plant, then of the law."""
+        """`WIND`, `COMMANDS` -> `H`, `POSITIONS`; states of the plant, then of the controller."""
         import control
 
         joined = self.plant.lft(self.controller)
@@ -346,7 +346,7 @@ def flown_loop(
 def output_loop(model: Model, law: OutputLaw, actuation: Actuation | None = None) -> Loop:
     """Sampled loop as flown with output feedback: servos, transport delay.
 
-    F and G of the model do not matter. The law's state is taken at a fixed heading (x + turn
+    F and G of the model do not matter. The controller's state is taken at a fixed heading (x + turn
     psi_ref), so that a new psi_ref is an input like the others.
     """
     n_y, turn = len(MEASURED), law.turn[:, None]
@@ -390,7 +390,7 @@ def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:
 def sampled_controller(
     model: Model, K: Matrix, prediction_s: float, feed: ObserverInput
 ) -> control.StateSpace:
-    """Observer (19) and law: u_n = F (Phi x_n + Gamma u_(n-1)), Phi, Gamma over `prediction_s`.
+    """Observer (19) and controller: u_n = F (Phi x_n + Gamma u_(n-1)), over `prediction_s`.
 
     The observer is discretised exactly for u held and y linear over a tick. States: z (and its
     servo model) less what y_n adds, then u_(n-1), u_(n-2), ... as far back as needed.
@@ -440,7 +440,7 @@ def as_output_law(model: Model, K: Matrix, prediction_s: float, feed: ObserverIn
 
 
 def _with_shift(law: DiscreteController, step: float) -> DiscreteController:
-    """The law with its offset-free target: s(n+1) = s(n) + step (r - (phi theta psi)(n)).
+    """The controller with its offset-free target: s(n+1) = s(n) + step (r - (phi theta psi)(n)).
 
     s is added to the command r.
     """

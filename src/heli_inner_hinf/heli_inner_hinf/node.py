@@ -93,7 +93,7 @@ class ConfiguredInnerLoop(TickCore):
     Attributes
     ----------
     design : LiveDesign
-        Law and its state.
+        Controller and its state.
     exciter : Exciter or None
     disturber : Disturber or None
     model, known : EstimateParams, EstimateState
@@ -105,7 +105,7 @@ class ConfiguredInnerLoop(TickCore):
     flown_tick : int or None
         Tick of the last command that was sent.
     x9, aim, u3 : arrays
-        Estimate, what is to be held of it (places of `COMMAND`), and output of the law.
+        Estimate, what is to be held of it (places of `COMMAND`), and output of the controller.
     total : (4,) array
         Last command that was sent.
     flown : AttitudeParams or None
@@ -167,7 +167,7 @@ def _aims(aim: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
 
 
 def _law_for(kernel: AttitudeParams) -> Callable[..., int]:
-    """The compiled law for numbers of these types."""
+    """The compiled controller for numbers of these types."""
     x9, aim, u3 = np.zeros(len(NINE)), np.zeros(COMMAND.size), np.zeros(3)
     return direct(law_or_manual, x9, *_aims(aim), kernel, initial_law_state(kernel), u3)
 
@@ -254,7 +254,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         return Disturber(kernel, send, self.rate.tick_s)
 
     def _warm_up(self, core: ConfiguredInnerLoop) -> None:
-        """Load the compiled law before the first tick."""
+        """Load the compiled controller before the first tick."""
         kernel = core.design.config.params
         self._load(core, kernel)
         core.law(core.x9, *_aims(core.aim), kernel, initial_law_state(kernel), core.u3)
@@ -269,7 +269,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
             add_sweep(-1.0, core.disturber.params, core.disturber.added)
 
     def _load(self, core: ConfiguredInnerLoop, kernel: AttitudeParams) -> None:
-        """Have the compiled law for numbers of these types; those of another design may differ."""
+        """Compile the controller for numbers of these types; those of another design may differ."""
         core.flown, core.law = kernel, _law_for(kernel)
 
     def engage(self) -> ActiveInnerLoop:
@@ -280,7 +280,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         return ActiveInnerLoop()
 
     def begin_anew(self) -> None:
-        """Another flight: the law begins in trim; the setpoint is too old until one comes."""
+        """Another flight: the controller begins in trim; the setpoint is old until a new one."""
         self.run.first = True
 
     def save_state(self) -> Any:
@@ -291,7 +291,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         return law, excited, run
 
     def restore_state(self, content: Any, gap: bool) -> None:
-        """Go on with the law; after a gap it engages at the last command, as after a pause."""
+        """Continue the controller; after a gap it engages at the last command, as after a pause."""
         core = self.core
         (law, x9, core.command, total, core.flown_tick), excited, run = content
         core.x9[:], core.total[:] = x9, total
@@ -303,7 +303,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         self.run.resumes |= gap
 
     def step(self, tick: int, arrived: Arrived) -> None:
-        """One tick: newest setpoint, law, actuators."""
+        """One tick: newest setpoint, controller, actuators."""
         core, run = self.core, self.run
         if run.first:
             self._begin_flight(tick)

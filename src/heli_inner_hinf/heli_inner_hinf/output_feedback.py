@@ -5,8 +5,8 @@ The plant is the one that flies: the nine states of eq. (9), servos, transport d
 its rate, and the integrals of phi, theta, psi (order 21 with a delay of one tick). Into it come the
 wind (m/s), a load in every actuator's place that stands for all moments that the model lacks
 (flap-back, another trim), and the noise of the six measurements; out of it h of eq. (11), which
-C11, C22, D11 weigh as for `controller: hinf`, and the weighted integrals. The law is the central
-controller below `output.gamma` (`heli_core.central_controller`).
+C11, C22, D11 weigh as for `controller: hinf`, and the weighted integrals. The controller is the
+central controller below `output.gamma` (`heli_core.central_controller`).
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ from heli_inner_hinf.synthesis import hinf_norm
 
 _MOST_RESIDUAL = 1e-6
 _RIDGE = 1e-10
-"""Share of the trace that makes the energy of the law's own states invertible."""
+"""Share of the trace that makes the energy of the controller's own states invertible."""
 _UNWINDING_S = 0.2
 """Time constant with which an integrator gives way while an actuator is at its limit."""
 
@@ -57,8 +57,8 @@ class OutputWeights(NamedTuple):
     integral : (3,) array
         Weights on the integrals of phi, theta, psi, 1/(rad s). Larger: a lasting error goes sooner.
     load : (3,) array
-        Load in the place of d_lat, d_lon, d_ped per m/s of wind; stands for moments that the model
-        lacks. Larger: the law trusts its model less.
+        Load in place of d_lat, d_lon, d_ped per m/s of wind; stands for moments that the model
+        lacks. Larger: the controller trusts its model less.
     noise : (6,) array
         Noise of phi, theta, p, q, r, psi per m/s of wind, rad and rad/s. Larger: less is read into
         them.
@@ -76,7 +76,7 @@ class OutputWeights(NamedTuple):
 
 @dataclass(frozen=True)
 class OutputSynthesis:
-    """A law with its certificate.
+    """A controller with its certificate.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def synthesize_output(
     actuation: Actuation,
     gamma: float,
 ) -> OutputSynthesis:
-    """The law below gamma, accepted only with its certificate.
+    """The controller below gamma, accepted only with its certificate.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def synthesize_output(
     radius = float(np.max(np.abs(np.linalg.eigvals(closed.A))))
     if not (radius < 1.0 and norm < gamma and controller.residual < _MOST_RESIDUAL):
         raise CertificateError(
-            f"output.gamma = {gamma:g}: the law fails its certificate (largest eigenvalue "
+            f"output.gamma = {gamma:g}: the controller fails its certificate (largest eigenvalue "
             f"{radius:.6f}, norm {norm:.6g}, residual of the Riccati equations "
             f"{controller.residual:.1e})"
         )
@@ -156,7 +156,7 @@ def synthesize_output(
 def central_law(
     plant: GeneralisedPlant, weights: OutputWeights, gamma: float, tick_s: float = TICK_S
 ) -> tuple[OutputLaw, CentralController, System]:
-    """The law below gamma, without its certificate; the controller; the closed loop.
+    """The controller below gamma, without its certificate; the controller; the closed loop.
 
     Raises
     ------
@@ -205,9 +205,9 @@ def generalised_plant(
 
 
 def _closed(plant: GeneralisedPlant, controller: System) -> System:
-    """(wind, load, noise) -> (h, integrals) of the loop: states of what flies, then of the law.
+    """(wind, load, noise) -> (h, integrals) of the loop: states of plant, then of controller.
 
-    The integrals of the plant are those that the law forms: xi = S x, from xi+ - xi = R x.
+    The integrals of the plant are those that the controller forms: xi = S x, from xi+ - xi = R x.
     """
     A, B, C, D = plant.system
     n, n_z, n_w = A.shape[0] - N_U, C.shape[0] - plant.n_y, B.shape[1] - N_U
@@ -231,11 +231,11 @@ def as_law(
 ) -> OutputLaw:
     """A controller from y to u with its commands and its conditioning against wind-up.
 
-    A step of the commanded attitude shifts plant and law alike, as every attitude is an equilibrium
-    of eq. (9). M is the law's state that goes best with a unit error: the least energy of `cost`
-    from there. So the integrals are no reason for an overshoot. The cut-off part of a command moves
-    the state as a Kalman filter would that hears the flown command: the observer inside as it is
-    moved by u, the integrators within `_UNWINDING_S`.
+    A step of the commanded attitude shifts plant and controller alike, as every attitude is an
+    equilibrium of eq. (9). M is the controller's state that goes best with a unit error: the least
+    energy of `cost` from there. So the integrals are no reason for an overshoot. The cut-off part
+    of a command moves the state as a Kalman filter would that hears the flown command: the observer
+    inside as it is moved by u, the integrators within `_UNWINDING_S`.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def as_law(
     cost : (k, n) array
         Of the loop's states, see above.
     tick_s : float
-        Between two steps of the law, s.
+        Between two steps of the controller, s.
     """
     A, B, C, D = controller
     n = closed.A.shape[0] - A.shape[0]
@@ -282,7 +282,7 @@ def _command_cost(C: Matrix, weights: OutputWeights) -> Matrix:
 
 
 def _refused(plant: GeneralisedPlant, gamma: float) -> InfeasibleGammaError | CertificateError:
-    """Why there is no law below gamma."""
+    """Why there is no controller below gamma."""
     try:
         optimum = optimal_gamma(plant)
     except NoControllerError as exc:
@@ -301,7 +301,7 @@ def _refused(plant: GeneralisedPlant, gamma: float) -> InfeasibleGammaError | Ce
 
 
 def lqg_law(plant: GeneralisedPlant, tick_s: float = TICK_S) -> OutputLaw:
-    """The law that is best on average for `output_feedback.generalised_plant`.
+    """The controller that is best on average for `output_feedback.generalised_plant`.
 
     States: the predicted state of the plant, then the integrals of phi, theta, psi. What is cut off
     a command reaches the prediction as the plant hears it. A new command shifts the state by a unit
@@ -354,7 +354,8 @@ def kalman_gain(A: Matrix, B_w: Matrix, C: Matrix, D_w: Matrix) -> Matrix:
 
 
 # -------------------------------------------------------------------------------------------------
-# `controller: indi`: incremental dynamic inversion of the body rates, as a law of `output_law`.
+# `controller: indi`: incremental dynamic inversion of the body rates, as a controller of
+# `output_law`.
 #
 # What the aircraft does is measured instead of modelled, as in Smeur, Chu, de Croon (Journal of
 # Guidance, Control, and Dynamics 39(3), 2016): what is wanted is compared with what is measured
@@ -377,7 +378,7 @@ _COMMANDS = [INPUTS.index(name) for name in ("phi_ref", "theta_ref")]
 
 
 class IndiGains(NamedTuple):
-    """Tuning of the law, each (3,) for roll, pitch, yaw.
+    """Tuning of the controller, each (3,) for roll, pitch, yaw.
 
     Attributes
     ----------
@@ -416,7 +417,7 @@ def effectiveness(A: Matrix, B: Matrix) -> Matrix:
 
 
 def indi_law(A: Matrix, B: Matrix, gains: IndiGains, actuation: Actuation) -> OutputLaw:
-    """The law for A (9, 9), B (9, 3) of eq. (9).
+    """The controller for A (9, 9), B (9, 3) of eq. (9).
 
     u = G^-1 (wanted rate - measured one) + position, the last two behind the filter. States: the
     filtered rates and their derivatives, the filtered positions of the actuators and their

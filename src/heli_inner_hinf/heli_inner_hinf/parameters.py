@@ -67,8 +67,8 @@ def unread(controller: str, parameters: Iterable[str]) -> list[Unread]:
     Parameters
     ----------
     controller : str
-        One of `CONTROLLERS`, or the name of a law in Python, which reads none of what belongs to
-        them.
+        One of `CONTROLLERS`, or the name of a controller in Python, which reads none of what
+        belongs to them.
     parameters : iterable of str
         Names.
 
@@ -112,8 +112,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("estimate_timeout_s", "double",
          "Age of an estimate over which the model is integrated; older ones are none", "s",
          lower=0.01, upper=2.0, read_only=True),
-    _row("controller", "string", "Which attitude law flies", choices=tuple(CONTROLLERS)),
-    _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
+    _row("controller", "string", "Which attitude controller flies", choices=tuple(CONTROLLERS)),
+    _row("own_law", "string", "A controller in Python that flies in its place, MODULE:NAME or "
          "FILE.py:NAME: its code runs", read_only=True),
     _row("gamma", "double", "Bound on the H-infinity norm wind -> h, above gamma*; "
          "that of the default controller, hinf_output, is output.gamma", "",
@@ -128,7 +128,7 @@ TABLE: tuple[Parameter, ...] = (
          lower_open=True),
     _row("output.integral", "double[]", "Weights on the integrals of phi, theta, psi",
          "1/(rad s)", shape=(3,), lower=0.0, lower_open=True),
-    _row("output.load", "double[]", "Load in the place of d_lat, d_lon, d_ped per wind", "s/m",
+    _row("output.load", "double[]", "Load in place of d_lat, d_lon, d_ped per wind", "s/m",
          shape=(3,), lower=0.0),
     _row("output.noise", "double[]", "Noise of phi, theta, p, q, r, psi per wind", "rad s/m, rad/m",
          shape=(6,), lower=0.0, lower_open=True),
@@ -137,7 +137,7 @@ TABLE: tuple[Parameter, ...] = (
     _row("lqg.effort", "double[]", "Factors on D11", "", shape=(3,), lower=0.0, lower_open=True),
     _row("lqg.integral", "double[]", "Weights on the integrals of phi, theta, psi",
          "1/(rad s)", shape=(3,), lower=0.0, lower_open=True),
-    _row("lqg.load", "double[]", "Load in the place of d_lat, d_lon, d_ped per wind", "s/m",
+    _row("lqg.load", "double[]", "Load in place of d_lat, d_lon, d_ped per wind", "s/m",
          shape=(3,), lower=0.0),
     _row("lqg.noise", "double[]", "Noise of phi, theta, p, q, r, psi per wind", "rad s/m, rad/m",
          shape=(6,), lower=0.0, lower_open=True),
@@ -172,9 +172,9 @@ TABLE: tuple[Parameter, ...] = (
     _row("actuator_limit", "double", "Actuators stay within plus and minus this", "",
          lower=0.1, upper=1.0, upper_open=True),
     _row("ground_collective", "double",
-         "Beyond it, seen from hover's, the aircraft stands: law at rest, cyclic and pedal in trim",
+         "Beyond it, seen from hover's, the aircraft stands: controller at rest, sticks in trim",
          "", lower=-1.0, upper=1.0),
-    _row("margin_floor", "double", "Least disk margin of the loop as flown that a law may have", "",
+    _row("margin_floor", "double", "Least disk margin of a controller in the loop as flown", "",
          lower=0.0, upper=2.0),
     _row("bumpless_time_s", "double", "Time constant with which a swap's offset fades", "s",
          lower=0.0, upper=60.0),

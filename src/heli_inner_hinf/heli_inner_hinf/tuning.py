@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One cost and one floor for every attitude law with memory, and the search by them.
+"""One cost and one floor for every attitude controller with memory, and the search by them.
 
-The cost of a law is a sum of variances, in units of what is wanted of each: errors of roll, pitch
-and heading and the actuators' steps, in gusts, under moments that the law does not know, with the
-navigation's errors, while commands are followed; the mean over the aircraft of a set. The floor:
-disk and delay margins of the nominal aircraft, and a smaller disk margin of each of the others.
-A family of laws is a function of positive numbers, so that all are searched alike.
+The cost of a controller is a sum of variances, in units of what is wanted of each: errors of roll,
+pitch and heading and the actuators' steps, in gusts, under moments that the controller does not
+know, with the navigation's errors, while commands are followed; the mean over the aircraft of a
+set. The floor: disk and delay margins of the nominal aircraft, and a smaller disk margin of each of
+the others. A family of controllers is a function of positive numbers, so that all are searched
+alike.
 """
 
 from __future__ import annotations
@@ -86,9 +87,9 @@ _COMMANDS = [INPUTS.index(name) for name in ("phi_ref", "theta_ref")]
 _DECAY_RADPS = 1e-3
 """A loop whose slowest mode dies out more slowly is taken for unstable."""
 _REFUSED = 1e6
-"""Price of a law that misses its floors, before what it misses them by."""
+"""Price of a controller that misses its floors, before what it misses them by."""
 _NONE = 1e9
-"""Price where the family has no law."""
+"""Price where the family has no controller."""
 
 
 class Surroundings(NamedTuple):
@@ -99,7 +100,7 @@ class Surroundings(NamedTuple):
     gust_mps, gust_s : (3,) array, float
         Wind u, v, w in body axes, behind two lags of this time.
     load, load_s : float
-        Moments that the law does not know, in the place of each actuator.
+        Moments that the controller does not know, in place of each actuator.
     kick, kick_s : (3,) array, float
         Likewise of the main rotor's wake, which a gust blows off the stabiliser: still air does not
         show it.
@@ -137,7 +138,7 @@ class CostScales(NamedTuple):
     step : float
         Of the steps of each actuator's command from tick to tick.
     disk_margin : float
-        At the plant's input and at what the law reads.
+        At the plant's input and at what the controller reads.
     delay_ticks : int
         So many ticks of further delay the loop survives.
     """
@@ -192,12 +193,12 @@ class SampledAircraft:
 
     @cached_property
     def response(self) -> NDArray[np.complex128]:
-        """Response (m, 6, 3) of the commands -> what a law reads, at `_OMEGA`."""
+        """Response (m, 6, 3) of the commands -> what a controller reads, at `_OMEGA`."""
         return sampled_response(*self.flown, _OMEGA)[:, list(MEASURED)]
 
 
 class LawFamily(NamedTuple):
-    """Laws of one kind.
+    """Controllers of one kind.
 
     Attributes
     ----------
@@ -221,12 +222,12 @@ class Variances(NamedTuple):
 
 
 class NoLawError(SynthesisError):
-    """No law of a family keeps the floors."""
+    """No controller of a family keeps the floors."""
 
 
 @dataclass(frozen=True)
 class LawBenchmark:
-    """What every law is measured by.
+    """What every controller is measured by.
 
     Attributes
     ----------
@@ -278,7 +279,7 @@ class LawBenchmark:
         )
 
     def price(self, law: OutputLaw) -> float:
-        """The cost of a law that keeps its floors; of any other more, the more it misses them."""
+        """The cost of a controller that keeps its floors; of any other more, by its misses."""
         missed = self.shortfall(law)
         return _REFUSED * (1.0 + missed) if missed > 0.0 else self.cost(law)
 
@@ -300,7 +301,7 @@ class LawBenchmark:
         Raises
         ------
         NoLawError
-            No start leads to a law that keeps the floors.
+            No start leads to a controller that keeps the floors.
         """
 
         def price(numbers: Sequence[float]) -> float:
@@ -313,7 +314,7 @@ class LawBenchmark:
         best_numbers = min(ends, key=price)
         if price(best_numbers) >= _REFUSED:
             raise NoLawError(
-                f"{family.name}: no law near those that the search begins with keeps the floors of "
+                f"{family.name}: no controller near the search's starts keeps the floors of "
                 "disk and delay margin"
             )
         return best_numbers
@@ -322,13 +323,14 @@ class LawBenchmark:
 def variances(law: OutputLaw, one: SampledAircraft, air: Surroundings) -> Variances:
     """Stationary variances of a stable loop, by one Lyapunov equation.
 
-    States: the plant's, wind, load, the navigation's slow errors and commands, the law's.
+    States: the plant's, wind, load, the navigation's slow errors and commands, the controller's.
     """
     plant, law_at = one.flown[0].shape[0], slice(-law.A.shape[0] or None, None)
     D, B_d, acting, read = shaped_noise(air)
     size = plant + len(D) + law.A.shape[0]
     here, there = slice(0, plant), slice(plant, plant + len(D))
-    # v of the law: what is measured, with slow errors, and the commands; white noise of the rates
+    # v of the controller: what is measured, with slow errors, and the commands; white noise of the
+    # rates
     v = np.zeros((N_V, size))
     v[: len(MEASURED), here], v[:, there] = np.eye(plant)[list(MEASURED)], read
     noise = air.rate_radps * np.eye(N_V)[:, _RATES]
@@ -337,7 +339,7 @@ def variances(law: OutputLaw, one: SampledAircraft, air: Surroundings) -> Varian
     A, B = np.zeros((size, size)), np.zeros((size, white.stop + 1))
     A[here, here], A[here, there] = one.flown[0], one.disturbed @ acting
     A[there, there], B[there, : white.start] = D, B_d
-    # a new heading command is a heading error, which the law's memory follows
+    # a new heading command is a heading error, which the controller's memory follows
     turned = air.heading_radps05 * np.sqrt(TICK_S)
     B[NINE.psi, -1] = turned
     if law.A.size:
@@ -367,7 +369,7 @@ def shaped_noise(air: Surroundings) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     acting : (6, 17) array
         Of its states as wind and loads.
     read : (8, 17) array
-        Of its states what a law reads besides the aircraft.
+        Of its states what a controller reads besides the aircraft.
     """
     drifts = (
         (np.ones(N_U), air.gust_s),
@@ -803,7 +805,7 @@ class LoopReport:
 
 
 def model_of(config: AttitudeConfig) -> Model:
-    """The model of a judged design, with its law's gains."""
+    """The model of a judged design, with its controller's gains."""
     gains = config.lqr if config.controller == "lqr" else config.synthesis
     plant = (config.A, config.B, config.E, config.C, config.D)
     return Model(*plant, gains.F, gains.G, config.offset_free_radps)
@@ -827,7 +829,7 @@ def three_loops(
 def loops_of(
     config: AttitudeConfig, K: ArrayLike, feed: ObserverInput, actuation: Actuation
 ) -> tuple[Loop, ...]:
-    """The loops of a judged design: three of state feedback, that as flown of any other law."""
+    """Loops of a checked design: three of state feedback, the one as flown of any other."""
     model = model_of(config)
     if CONTROLLERS[config.controller] == STATE_FEEDBACK:
         return three_loops(model, K, config.prediction_s, feed, actuation)

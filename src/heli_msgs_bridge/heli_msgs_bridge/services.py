@@ -191,8 +191,8 @@ def ros_value(value: Any) -> Any:
 # -------------------------------------------------------------------------------------------------
 # How often and how much may be asked of a node, so that a flood costs it next to nothing. No ROS.
 #
-# What is judged takes time that a tick then lacks: a law that is synthesised, a long message that
-# becomes objects. What is refused here has cost none of that.
+# What is judged takes time that a tick then lacks: a controller that is synthesised, a long message
+# that becomes objects. What is refused here has cost none of that.
 # -------------------------------------------------------------------------------------------------
 
 REQUESTS_PER_S, REQUESTS_AT_ONCE = 50.0, 100.0

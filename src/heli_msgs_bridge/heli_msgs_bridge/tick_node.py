@@ -685,7 +685,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
     # --- life ----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Begin to step, with what came while the node was getting ready; or go on in the place of
+        """Begin to step, with what came while the node was getting ready; or go on in place of
         a predecessor."""
         self.core.stepped = None
         known = self.take_over()

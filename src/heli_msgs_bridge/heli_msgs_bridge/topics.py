@@ -32,7 +32,7 @@ ROTOR_SPEED = sensors.ROTOR_SPEED.topic
 ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 NO_ESTIMATE = "no_estimate"
-"""A tick of which the observer knows nothing, in the place of `ODOM` and `ROTOR_STATE`."""
+"""A tick of which the observer knows nothing, in place of `ODOM` and `ROTOR_STATE`."""
 REFERENCE = "reference"
 GOTO = "goto"
 GOTO_GPS = "goto_gps"
@@ -225,7 +225,7 @@ TOOLS: tuple[Topic, ...] = (
 missing: tf2_msgs is not among the wheels. Only `JOINT_STATES` is filed by its own stamp."""
 
 SENSORS = frozenset(t.name for t in TABLE if t.source == _PLANT and t.sinks)
-"""What a driver sends in the place of the plant; of real drivers many are best effort."""
+"""What a driver sends in place of the plant; of real drivers many are best effort."""
 
 KNOWN: dict[str, Topic] = {topic.name: topic for topic in (*TABLE, *TOOLS)}
 

@@ -19,7 +19,7 @@ HELD = 2
 MEAN_TICKS = 16
 """Ticks before it over which the mean is taken."""
 RATE_FADES_S = 0.2
-"""Time constant with which a rate that nothing says is taken to fade: the law damps it."""
+"""Time constant with which a rate that nothing says is taken to fade: the controller damps it."""
 
 
 @njit

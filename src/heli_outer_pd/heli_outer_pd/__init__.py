@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The outer loop: PD position law, modes, failsafes, references, paths, sticks."""
+"""The outer loop: PD position controller, modes, failsafes, references, paths, sticks."""
 
 from heli_core.faces import face
 

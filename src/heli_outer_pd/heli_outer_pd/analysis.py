@@ -3,8 +3,8 @@
 
 The attitude loop (or the collective's servo) and the body move in ticks of 10 ms; law (21) with its
 lead and its disturbance observer, which reads the tilt beside position and speed, makes a step
-every `period_ticks`. Lifted to the law's period both are one linear system, exact between the law's
-steps. Driven by the Dryden spectrum and the
+every `period_ticks`. Lifted to the controller's period both are one linear system, exact between
+the controller's steps. Driven by the Dryden spectrum and the
 navigation's errors, the stationary covariance follows from one Lyapunov equation, so the rms of a
 flight is predicted without flying. Plain matrices: the search for gains asks thousands of times.
 """
@@ -59,7 +59,7 @@ class Axis:
     actuation : Sampled
         The attitude loop as flown, or the collective's delay and servo, with the drag.
     modelled_lag_s, modelled_damping_per_s : float
-        What the law's own model knows of actuation and damping; lag 0: none.
+        What the controller's own model knows of actuation and damping; lag 0: none.
     tilt_standing_s : float
         `disturbance.tilt_standing_s` where the tilt is measured; 0: it is not used.
     gusts : sequence of Sampled
@@ -67,7 +67,7 @@ class Axis:
     position_error, speed_error : Sampled
         Of the navigation, m and m/s.
     period_ticks : int
-        Of the law.
+        Of the controller.
     """
 
     actuation: Sampled
@@ -81,21 +81,21 @@ class Axis:
 
     @property
     def dt_s(self) -> float:
-        """The law's period."""
+        """The controller's period."""
         return self.period_ticks * TICK_S
 
     @cached_property
     def lifted(self) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
-        """A, B, Q, M, Z over the law's period: x+ = A x + B u + noise of covariance Q.
+        """A, B, Q, M, Z over the controller's period: x+ = A x + B u + noise of covariance Q.
 
-        M x is what the law reads, position and speed with the navigation's errors, and what the
-        tilt explains; Z x is true.
+        M x is what the controller reads, position and speed with the navigation's errors, and what
+        the tilt explains; Z x is true.
         """
         return _lifted(self)
 
     @cached_property
     def response(self) -> tuple[Matrix, NDArray[np.complex128]]:
-        """Frequencies (m,), rad/s, and the response (m, 3) of command -> what the law reads."""
+        """Frequencies (m,), rad/s, and response (m, 3) of command -> the controller's inputs."""
         A, B, _, M, _ = self.lifted
         omega = np.geomspace(_LOWEST_RADPS, 0.999 * np.pi / self.dt_s, _FREQUENCIES)
         z = np.exp(1j * omega * self.dt_s)
@@ -150,7 +150,7 @@ class AxisReport:
     position_rms_m, speed_rms_mps : float
         In the axis' gusts and with the navigation's errors; inf if unstable.
     position_limit_m, speed_limit_mps : float
-        The same of the best linear law that reads the same, with perfect actuators.
+        The same of the best linear controller that reads the same, with perfect actuators.
     """
 
     stable: bool
@@ -165,7 +165,7 @@ class AxisReport:
 
 
 def modelled_heave_damping_per_s(kernel: OuterParams) -> float:
-    """Acceleration per vertical speed, 1/s, that the law's thrust map knows of, at trim."""
+    """Acceleration per vertical speed, 1/s, that the controller's thrust map knows of, at trim."""
     k, step = kernel, 1e-3
     d_col = k.trim[SETPOINT.col]
     up, down = (
@@ -196,7 +196,7 @@ def dryden_across(sigma_mps: float, time_s: float) -> Sampled:
 def law(gains: Gains, axis: Axis) -> Sampled:
     """Law (21) with lead and observer: what is read -> commanded acceleration.
 
-    A step per period of the law. Read are position, speed and the acceleration that the tilt
+    A step per period of the controller. Read are position, speed and the acceleration that the tilt
     explains. States: estimated speed and disturbance, the last command, the same behind the
     modelled lag, the wanted acceleration behind the lead's filter, and what tilt leaves standing.
     """
@@ -266,10 +266,10 @@ def analyse(axis: Axis, gains: Gains) -> AxisReport:
 def limits_of_performance(
     axis: Axis, at_once: bool = True, gusts_known: bool = False
 ) -> tuple[float, float]:
-    """Smallest standard deviation of position (m) and, by another law, of speed (m/s).
+    """Smallest standard deviation of position (m) and, by another controller, of speed (m/s).
 
-    Of all linear laws that read the same at the same period: LQG with next to no price on the
-    command. What is left is what cannot be known in time.
+    Of all linear controllers that read the same at the same period: LQG with next to no price on
+    the command. What is left is what cannot be known in time.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ class Deviations(NamedTuple):
     position_m: float
     speed_mps: float
     step_mps2: float
-    """Of the commanded acceleration, from one step of the law to the next."""
+    """Of the commanded acceleration, from one step of the controller to the next."""
 
 
 def deviations(axis: Axis, gains: Gains) -> Deviations | None:

@@ -153,7 +153,7 @@ class Commands:
         node.tell_goals()
 
     def on_velocity(self, message: Any) -> None:
-        """Move so from the law's next step on; or refuse it, and go on as before."""
+        """Move so from the controller's next step on; or refuse it, and go on as before."""
         node, topic = self._node, topics.COMMAND_VELOCITY
         psi = euler_from_quat(node.core.nav[NAV.quat])[2]
         try:
@@ -168,7 +168,7 @@ class Commands:
             self._velocity = asked
 
     def after_step(self) -> None:
-        """Follow the velocity that was commanded last, if one was since the law's last step."""
+        """Follow the velocity commanded last, if there was one since the controller's last step."""
         asked, self._velocity = self._velocity, None
         if asked is None:
             return
@@ -187,7 +187,7 @@ class Commands:
             self.fly(phases.trajectory)
 
     def on_attitude(self, message: Any) -> None:
-        """Fly this attitude from the law's next step on; or refuse it, and go on as before."""
+        """Fly this attitude from the controller's next step on, or refuse it and go on."""
 
         def take() -> Refusal | None:
             asked, node = decode_attitude(message), self._node

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the law takes for disturbance: an observer beside its own model, and how it begins."""
+"""The controller's disturbance: an observer beside its own model, and how it begins."""
 
 import math
 
@@ -104,9 +104,9 @@ def forget_swings(state):
 def watch_attitude(flown, psi, rate, k, state):
     """Bring up to what the attitude explains, (2,) m/s2, whether commands are followed.
 
-    Only where the law itself holds a place, and estimates the disturbance, behind that: there the
-    command is known behind the attitude loop's lag. A nose that turns away takes roll and pitch
-    along: nothing is said of their servos, and the full gains hold a place even so.
+    Only where the controller itself holds a place, and estimates the disturbance, behind that:
+    there the command is known behind the attitude loop's lag. A nose that turns away takes roll and
+    pitch along: nothing is said of their servos, and the full gains hold a place even so.
     """
     compensates = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
     state.x[MEMORY.late] += k.dt_s / _MEAN_S * (state.x[MEMORY.is_late] - state.x[MEMORY.late])
@@ -229,10 +229,10 @@ def kept(dt_s, lag_s):
 
 @njit
 def modelled_acceleration(phi, theta, v_down, k, state, out):
-    """Acceleration (3,) m/s2, heading frame, that the law's model expects.
+    """Acceleration (3,) m/s2, heading frame, that the controller's model expects.
 
-    Horizontally that of the measured tilt, so that the law's command is an increment to what is
-    flown: incremental nonlinear dynamic inversion (Smeur, de Croon, Chu, Control Engineering
+    Horizontally that of the measured tilt, so that the controller's command is an increment to what
+    is flown: incremental nonlinear dynamic inversion (Smeur, de Croon, Chu, Control Engineering
     Practice 73, 2018, sec. 3). What the attitude loop leaves standing of its command for longer
     than `tilt_standing_s` counts as disturbance and is trimmed out with it; 0 s: all that it is off
     by, and the model is the commanded tilt behind the attitude loop's lag. Vertically the thrust of
@@ -264,14 +264,14 @@ def all_finite(values):
 
 @njit
 def flyable(nav):
-    """Whether what the law reads of the navigation row is finite."""
+    """Whether what the controller reads of the navigation row is finite."""
     pos, vel, attitude = nav[NAV.pos], nav[NAV.vel], nav[NAV.quat]
     return all_finite(pos) and all_finite(vel) and all_finite(attitude)
 
 
 @njit
 def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
-    """One step of the velocity/disturbance observer (Luenberger, forward Euler at the law's rate).
+    """One step of the velocity/disturbance observer (Luenberger, forward Euler, every step).
 
     v_hat' = a_model + d_hat + l1 (v - v_hat), d_hat' = l2 (v - v_hat); kept in NED because steady
     wind stands still there while the nose turns. Writes the estimate to d_h (3,), heading frame.
@@ -395,7 +395,7 @@ def hear_rotor(state, time_s, speed, k):
     Parameters
     ----------
     state : OuterState
-        Of the law; changed in place.
+        Of the controller; changed in place.
     time_s : float
     speed : float
     k : OuterParams
@@ -424,7 +424,7 @@ def hear_rotor(state, time_s, speed, k):
 
 @njit
 def watch_rotor(down_m, down_mps, k, state):
-    """Bring up to a step of the law whether it autorotates; not on the ground, nor by hand.
+    """Bring up to a step of the controller whether it autorotates; not on the ground, nor by hand.
 
     Parameters
     ----------

@@ -205,7 +205,7 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "`failsafe.unfollowed_deg` (off unless set)", 4.0, Action.SOFT,
              "5 s of calm, each time twice as long; full gains fade in",
              "attitude not followed: flown softly"),
-    Failsafe(Condition.SERVO_STUCK, "outer loop: as above; in soft flight it hangs to one side "
+    Failsafe(Condition.SERVO_STUCK, "outer loop: as above; in degraded mode it stays on one side "
              "for 2 s", 8.0, Action.NOTE, "calm, as above; full gains hold what the other axes "
              "can, a landing would cost the aircraft",
              "attitude not followed: a servo may be stuck"),

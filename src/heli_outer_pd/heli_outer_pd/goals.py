@@ -63,14 +63,14 @@ class Goals:
         self.look(phases)
 
     def end(self) -> None:
-        """Another flight begins, or the law anew: nothing is under way."""
+        """Another flight begins, or the controller anew: nothing is under way."""
         if self._active is not None:
             self._active.state, self._active = GoalState.LEFT, None
 
     def look(self, phases: Phases) -> bool:
         """See what has become of the goal that is under way; True if its answer has changed.
 
-        Called after each step of the law.
+        Called after each step of the controller.
         """
         goal, phase = self._active, phases.phase
         if goal is None:

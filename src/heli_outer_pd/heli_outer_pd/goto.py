@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goto and hold: from the present reference to a goal or a halt, without a jump. No ROS.
 
-The law averages the reference over a window about now, so that what it has made of it so far hangs
-on the next half window, too. The old way is kept for so long.
+The controller averages the reference over a window about now, so that what it has made of it so far
+hangs on the next half window, too. The old way is kept for so long.
 """
 
 import math
@@ -59,7 +59,7 @@ class Goto:
         POSE: turn on the way to the heading that is asked for; TOWARDS: nose to the goal on the
         way, then so; FIXED: as it is; WIND: so, and into the wind while it hovers.
     shaping_ns : int
-        Window over which the law averages the reference.
+        Window over which the controller averages the reference.
     """
 
     limits: MotionLimits
@@ -82,14 +82,14 @@ class Goto:
         before : Trajectory
             What is followed.
         now_ns : int
-            Stamp of the law's last step at the earliest.
+            Stamp of the controller's last step at the earliest.
         pos_ned_m : (3,) array
         psi_rad : float
 
         Returns
         -------
         Trajectory
-            As `before` for as long as the law has looked ahead.
+            As `before` for as long as the controller has looked ahead.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class Fence:
         before : Trajectory
             What is followed, or how the aircraft moves.
         now_ns : int
-            Stamp of the law's last step.
+            Stamp of the controller's last step.
         home_ned_m, ground_down_m
             As for `fence_distance_m`.
         """

@@ -3,7 +3,7 @@
 
 In mode `attitude` a pilot's sticks lead, or an attitude that is commanded (`asked_attitude`).
 
-What they command is put into the law's state between two of its steps.
+What they command is put into the controller's state between two of its steps.
 """
 
 import math
@@ -276,7 +276,7 @@ class Steering:
         now_ns: int,
         state: OuterState,
     ) -> None:
-        """Mode attitude: what the law's next step commands, into its state."""
+        """Mode attitude: what the controller's next step commands, into its state."""
         most, s, asked = n.limits, self.sticks, self.asked
         if asked.leads:
             down_mps = -asked.climb_at(now_ns, n.timeout_ns, n.climb_mps)
@@ -332,7 +332,7 @@ class Steering:
         let_go: bool,
         state: OuterState,
     ) -> None:
-        """Mode manual: what is flown from the law's next step on, into its state.
+        """Mode manual: what is flown from the controller's next step on, into its state.
 
         The collective is that of hover in the stick's middle and idle at its lower end; in the air
         it stays within the limits of the thrust. Sticks that are let go on the ground are as if in
@@ -411,7 +411,7 @@ class TouchDown:
         self._usual, self._missing_mps, self._began_mps = share, 0.0, v_down_mps
 
     def detects(self, share: float, v_down_mps: float, g: float, dt_s: float) -> bool:
-        """Look at a step of the law: its thrust, a share of hover's, and the speed downwards."""
+        """Look at a step of the controller: its thrust, a share of hover's, and the sink speed."""
         if share > _UNLOADED * self._usual:
             self._usual += (share - self._usual) * dt_s / _USUAL_S
             self._missing_mps, self._began_mps = 0.0, v_down_mps
@@ -446,7 +446,8 @@ def not_flown(nav: Array, at_limit_s: float, lean_max_rad: float, k: OuterParams
 
 
 # -------------------------------------------------------------------------------------------------
-# Flight by sticks or an attitude, from one law to the next: who leads, what is seen and follows.
+# Flight by sticks or an attitude, from one controller to the next: who leads, what is seen and
+# follows.
 #
 # `phases` asks it in the modes `attitude` and `manual`. No ROS.
 # -------------------------------------------------------------------------------------------------
@@ -464,7 +465,7 @@ _CODES = {Phase.ATTITUDE: STEERED, Phase.MANUAL: LOW_BY_HAND}
 
 @dataclass(frozen=True)
 class FlightMoment:
-    """A moment of the flight: stamps of it and of flight time 0, ns; navigation row, law."""
+    """A moment of the flight: stamps of it and of flight time 0, ns; navigation row, controller."""
 
     ns: int
     start_ns: int
@@ -478,7 +479,7 @@ class StickFlight:
     Parameters
     ----------
     state : array
-        State of the law, changed in place.
+        State of the controller, changed in place.
 
     Attributes
     ----------
@@ -591,7 +592,7 @@ class StickFlight:
         return True
 
     def hand_over(self, code: float) -> None:
-        """Another law flies from its next step on, and goes on from the last command."""
+        """Another controller flies from its next step on, and goes on from the last command."""
         if code != STEERED:
             self.steering.lead_by_sticks()
         self._state.machine[MACHINE.guidance], self._state.x[MEMORY.takes_over] = code, 1.0
@@ -634,7 +635,7 @@ class StickFlight:
         fence: ReferenceLimits,
         low: bool,
     ) -> None:
-        """What the law's next step gets of the sticks, once; `low`: the ground may carry a part."""
+        """The sticks for the controller's next step, once; `low`: the ground may carry a part."""
         if now.ns == self._steered_ns:
             return
         self._steered_ns = now.ns

@@ -28,7 +28,7 @@ from heli_outer_pd.state import (
 _OK = int(OuterStatus.OK)
 _BAD_NAVIGATION = int(OuterStatus.BAD_NAVIGATION)
 _FADE_S = 0.5
-"""Time constant with which what another has flown fades; as the attitude law's."""
+"""Time constant with which what another has flown fades; as the attitude controller's."""
 
 _AT_LIMIT = 1e-3
 """Nearer to a limit of the thrust, as a share of the weight, a collective is at it."""
@@ -36,7 +36,7 @@ _AT_LIMIT = 1e-3
 
 @njit
 def manual_deflections(state, manual):
-    """A pilot's d_lat, d_lon, d_ped about trim into hand (3,); NaN while a law flies."""
+    """A pilot's d_lat, d_lon, d_ped about trim into hand (3,); NaN while a controller flies."""
     if state.machine[MACHINE.guidance] >= BY_HAND:
         copy(manual, state.x[MEMORY.manual])
     else:
@@ -119,7 +119,7 @@ def take_over(before, k, state, out):
     """Go on from the last command (4,) of who flew before: the difference to it fades.
 
     Changes `out` (4,) and what the state remembers of it; no collective passes the limits of the
-    thrust that the law alone would not have passed.
+    thrust that the controller alone would not have passed.
     """
     fade, last = state.x[MEMORY.fade], state.x[MEMORY.command]
     if state.x[MEMORY.takes_over] > 0.5:

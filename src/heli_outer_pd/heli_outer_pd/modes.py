@@ -116,7 +116,9 @@ class Guard(Enum):
     UPRIGHT = "the aircraft is outside the envelope: it stands tilted more than is allowed"
     UNSATURATED = "an actuator is saturated: the collective is at its limit"
     CLEAR = "the ground is too near"
-    ENVELOPE = "the aircraft is outside the envelope: it is tilted more than the law may command"
+    ENVELOPE = (
+        "the aircraft is outside the envelope: its tilt is more than the controller may command"
+    )
     STICKS = "no sticks are heard"
     HEARD = "neither sticks nor an attitude are heard"
     FENCE = "the aircraft is outside the fence: it is coming back"
@@ -143,8 +145,8 @@ class RefusalCause(Enum):
     PILOT_STEERS = "the pilot's sticks fly the attitude"
     NO_ATTITUDE = "no commanded attitude is flown"
     INACTIVE = "outer_loop is not active; activate it first"
-    NO_POSITION_LOOP = "the law holds no position"
-    NO_NAVIGATION_YET = "no position is held yet: the law waits for navigation"
+    NO_POSITION_LOOP = "the controller holds no position"
+    NO_NAVIGATION_YET = "no position is held yet: the controller waits for navigation"
     STAMP = "it begins before the flight, or too late"
     ALTITUDE = "it is too low or too high"
     DISTANCE = "it is too far from where the flight began"

@@ -98,11 +98,11 @@ class ConfiguredOuterLoop(TickCore):
     commands : Commands
         What pilots ask, done or refused.
     params : OuterParams
-        Numbers of the law; swapped when parameters change.
+        Numbers of the controller; swapped when parameters change.
     loop : OuterLoopState
-        What the outer loop knows; of it `state` is the law's, `nav` the navigation that the law
-        has flown by, `offset_ned_m` by how much the reference was moved where the law engaged
-        (None before).
+        What the outer loop knows; of it `state` is the controller's, `nav` the navigation that the
+        controller has flown by, `offset_ned_m` by how much the reference was moved where the
+        controller engaged (None before).
     limits : ReferenceLimits
         What a reference may ask for.
     goto : Goto
@@ -110,13 +110,13 @@ class ConfiguredOuterLoop(TickCore):
     reference : Trajectory or None
         The reference, once it has come.
     trajectory : Trajectory or None
-        What is followed of it: itself, or from where the law has engaged.
+        What is followed of it: itself, or from where the controller has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
     inbox : Inbox
         What has come for a tick.
     out : (4,) array
-        The law's last command.
+        The controller's last command.
     commanders : dict of EverSent
         Per topic of commands who sends them, or has sent one.
     send_trajectory : callable
@@ -142,7 +142,7 @@ class ConfiguredOuterLoop(TickCore):
     goals : Goals
         Commands with an id, and what has become of them.
     flies : OwnPositionLaw
-        The law's place, taken by one in Python or by none.
+        The controller's place, taken by one in Python or by none.
     """
 
     commands: Commands
@@ -175,22 +175,22 @@ class ConfiguredOuterLoop(TickCore):
 
     @property
     def state(self) -> OuterState:
-        """State of the law."""
+        """State of the controller."""
         return self.loop.law
 
     @property
     def nav(self) -> np.ndarray:
-        """Navigation row (31,) that the law has flown by."""
+        """Navigation row (31,) that the controller has flown by."""
         return self.loop.nav
 
     @property
     def engaged(self) -> bool:
-        """Whether the law has had a position, from which on the reference stays where it is."""
+        """Whether the controller has had a position; from then on the reference stays put."""
         return bool(self.loop.engagement[ENGAGEMENT.tick] != NOTHING)
 
     @property
     def offset_ned_m(self) -> np.ndarray | None:
-        """From `reference` to `trajectory`, NED, m; None until the law has engaged."""
+        """From `reference` to `trajectory`, NED, m; None until the controller has engaged."""
         return self.loop.offset_ned_m if self.engaged else None
 
 
@@ -212,7 +212,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     SPEC = NodeSpec(NODE_NAME, "heli_outer_pd", TABLE, f"{NODE_NAME}.yaml")
 
     def configure(self) -> ConfiguredOuterLoop:
-        """Build the law, its outputs and inputs."""
+        """Build the controller, its outputs and inputs."""
         kernel, commands = outer_params(self.values), Commands(self)
         core = ConfiguredOuterLoop(
             commands=commands,
@@ -254,7 +254,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         return Input(topics.ROTOR_SPEED, Demand(every))
 
     def _warm_up(self, core: ConfiguredOuterLoop) -> None:
-        """Load the compiled law before the first tick."""
+        """Load the compiled controller before the first tick."""
         spare, points = self._initial_loop(core.params), _NOWHERE.points.copy()
         step(spare, core.inbox, 0, 1, 0, _NOWHERE.times_ns, points, core.params, core.out)
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
@@ -402,7 +402,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         """Begin; wait for the reference only if somebody is there to send it."""
         core, loop = self.core, self._initial_loop(self.core.params)
         if core.reference is not None:
-            # Where it has begun it stays, though the law engages again.
+            # Where it has begun it stays, though the controller engages again.
             loop.engagement[ENGAGEMENT.tick] = core.loop.engagement[ENGAGEMENT.tick]
             loop.offset_ned_m[:] = core.loop.offset_ned_m
         core.loop = loop
@@ -422,7 +422,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         )
 
     def begin_anew(self) -> None:
-        """Another flight: the law begins anew, and with it what is held without a reference."""
+        """Another flight: the controller restarts, and with it what is held without reference."""
         self.core.loop = self._initial_loop(self.core.params)
         self.core.trajectory = self.core.reference
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
@@ -460,12 +460,12 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.run.take(run)
 
     def step(self, tick: int, arrived: Arrived) -> None:
-        """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
+        """Every `period_ticks` ticks: reference of now, controller, setpoint and collective."""
         core, stamp_ns = self.core, self.stamp_ns(tick)
         deliver(core.inbox, INPUTS, arrived)
         engaged = core.engaged
         trajectory = self._followed() if engaged else self._to_engage_on()
-        assert trajectory is not None  # what the law has engaged on is kept
+        assert trajectory is not None  # what the controller has engaged on is kept
         reference = stamp_ns - trajectory.start_ns, trajectory.times_ns, trajectory.points
         period_ticks = self.rate.of(self.values["period_ticks"])
         inputs = core.inbox, tick, period_ticks, *reference, core.params
@@ -482,7 +482,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self._tell(code)
 
     def _to_engage_on(self) -> Trajectory:
-        """What the step that engages the law flies as it is, moves, or fills in."""
+        """What the step that engages the controller flies as it is, moves, or fills in."""
         core, engagement = self.core, self.core.loop.engagement
         if core.trajectory is None:
             engagement[ENGAGEMENT.reference] = HELD
@@ -554,7 +554,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         return "held position" if self.core.reference is None else "given"
 
     def validate(self, values: Mapping[str, Any], changed: Collection[str]) -> Judged:
-        """The changed law and limits; what does not fit together raises."""
+        """The changed controller and limits; what does not fit together raises."""
         if MODE in changed:
             if not self.configured:
                 raise ValueError(f"{MODE}: {RefusalCause.INACTIVE.value}")
@@ -565,7 +565,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         return flown, StickMap.from_parameters(values)
 
     def apply(self, judged: Judged, changed: Collection[str]) -> None:
-        """Swap the law between two ticks; its state goes on. Limits are for what is to come."""
+        """Swap the controller between two ticks; its state goes on. Limits are for what follows."""
         flown, sticks = judged
         if self.configured:
             _, self.core.goto, self.core.params, self.core.limits = flown

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """One tick of the outer loop: what has come, where the aircraft is, where the reference begins, the
-law.
+controller.
 
 `step` is all of it, whoever fills the inbox: the node from its topics, the one-process loop from
-its links. A law in Python steps through `python_controller.OwnPositionLaw`, in the same place.
-After a step of the law `phases.Phases.after` is asked what follows from it.
+its links. A controller in Python steps through `python_controller.OwnPositionLaw`, in the same
+place. After a step of the controller `phases.Phases.after` is asked what follows from it.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ INPUTS = (topics.ODOM, topics.ROTOR_SPEED)
 """What the outer loop hears, in the order of its inbox."""
 _ODOM, _ROTOR_SPEED = range(len(INPUTS))
 NOT_DUE = -1
-"""Outcome of a tick between two steps of the law; else it is an `OuterStatus`."""
+"""Outcome of a tick between two steps of the controller; else it is an `OuterStatus`."""
 
 
 class EngagementRow(NamedTuple):
@@ -71,7 +71,7 @@ class OuterLoopState(NamedTuple):
 
     law: OuterState
     heard: HeardNavigation
-    nav: np.ndarray  # (31,) navigation at the law's last step
+    nav: np.ndarray  # (31,) navigation at the controller's last step
     engagement: np.ndarray  # (3,) int64, places of `ENGAGEMENT`
     offset_ned_m: np.ndarray  # (3,) by which the reference was moved, m
 
@@ -103,7 +103,7 @@ def initial_loop(
     timeout_s, rate
         As of `no_navigation`.
     reference : int
-        What becomes of the reference where the law engages: AS_GIVEN, MOVED or HELD.
+        What becomes of the reference where the controller engages: AS_GIVEN, MOVED or HELD.
     """
     heard, nav = no_navigation(timeout_s, rate), np.full(NAV.size, np.nan)
     engagement = np.array([reference, NOTHING, 0], np.int64)
@@ -149,7 +149,7 @@ def _listen(state, inbox, k):
 
 @njit
 def _navigate(state, tick):
-    """Where the aircraft is at a step of the law, into `nav`; the law knows if that is late."""
+    """The state estimate at a step of the controller, into `nav`; it knows if that is late."""
     is_late = navigation_at(state.heard, tick, state.nav)
     state.law.x[MEMORY.is_late] = 1.0 if is_late else 0.0
 
@@ -167,7 +167,7 @@ def _engage(state, tick, time_ns, times_ns, points):
             fill(nav, np.nan)  # nothing to hold yet
         return
     if engagement[ENGAGEMENT.velocity] != 0:
-        # The law's estimate is of another moment; what it knows of the disturbance stays.
+        # The controller's estimate is of another moment; what it knows of the disturbance stays.
         copy(law.x[MEMORY.vel], nav[NAV.vel])
         engagement[ENGAGEMENT.velocity] = 0
     if engaged:
@@ -190,7 +190,7 @@ def step(state, inbox, tick, period_ticks, time_ns, times_ns, points, k, out):
     Parameters
     ----------
     state : OuterLoopState
-        In place; of a tick at which the law steps `nav` is what it has flown by.
+        In place; of a tick at which the controller steps `nav` is what it has flown by.
     inbox : Inbox
         Places of `INPUTS`.
     tick, period_ticks : int
@@ -201,7 +201,7 @@ def step(state, inbox, tick, period_ticks, time_ns, times_ns, points, k, out):
         if the reference is MOVED or HELD.
     k : OuterParams
     out : (4,) array
-        Out, where the law steps: places of `heli_core.rows.SETPOINT`, absolute.
+        Out, where the controller steps: places of `heli_core.rows.SETPOINT`, absolute.
 
     Returns
     -------

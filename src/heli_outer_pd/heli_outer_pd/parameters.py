@@ -22,7 +22,7 @@ from heli_outer_pd.state import OuterParams, RotorMap, blade_pitch
 # -------------------------------------------------------------------------------------------------
 # Sweeps and steps of the commanded attitude: what `heli score --response` is read from.
 #
-# Added to what the law commands, in flight time (`heli_core.signals`).
+# Added to what the controller commands, in flight time (`heli_core.signals`).
 # -------------------------------------------------------------------------------------------------
 
 NONE, SWEEP, STEPS = "none", "sweep", "steps"
@@ -115,11 +115,11 @@ TABLE: tuple[Parameter, ...] = (
     _row("navigation_timeout_s", "double",
          "Age over which navigation is carried on; older it is none, the last command is held", "s",
          lower=0.01, upper=2.0, read_only=True),
-    _row("period_ticks", "int", "Law runs every so many ticks of 10 ms", "ticks",
+    _row("period_ticks", "int", "Controller runs every so many ticks of 10 ms", "ticks",
          choices=(1, 2, 4, 5, 10, 20), read_only=True),
     _row("rotor_speed_period_ticks", "int", "Period of the rotor speed's samples", "ticks",
          lower=1, upper=100, read_only=True),
-    _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
+    _row("own_law", "string", "A controller in Python that flies in its place, MODULE:NAME or "
          "FILE.py:NAME: its code runs", read_only=True),
     _row("K_P", "double[]", "Position gains, forward, right, down", "1/s2",
          shape=(3,), lower=0.0, upper=20.0),
@@ -134,7 +134,7 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.0, upper=10.0),
     _row("reference_preview", "bool", "Whether a reference that comes by message or from the "
          "scenario is known ahead, so that half of that window lies ahead of now; else the window "
-         "is one step of the law", read_only=True),
+         "is one step of the controller", read_only=True),
     _row("heading_lead_s", "double", "Lead of the commanded heading where the reference turns", "s",
          lower=0.0, upper=3.0),
     _row("reference_limits.altitude_min_m", "double", "Lowest reference that is followed", "m",
@@ -187,7 +187,7 @@ TABLE: tuple[Parameter, ...] = (
     _row("takeoff.lean_max_deg", "double", "Largest roll or pitch on the ground, off that of hover,"
          " from which a take-off is begun", "deg", lower=0.5, upper=20.0),
     _row("takeoff.tip_deg", "double", "Leaning so much more than on the ground while it is light, "
-         "a take-off is broken off", "deg", lower=1.0, upper=20.0),
+         "a take-off is aborted", "deg", lower=1.0, upper=20.0),
     _row("land.descent_mps", "double", "Largest speed of the descent", "m/s", lower=0.1, upper=3.0),
     _row("land.touch_down_mps", "double", "Speed of its last part", "m/s", lower=0.1, upper=1.0),
     _row("land.slow_below_m", "double", "Height, above where the flight began, at which that "
@@ -276,7 +276,7 @@ TABLE: tuple[Parameter, ...] = (
 
 
 # -------------------------------------------------------------------------------------------------
-# From the outer loop's checked parameters to the numbers of its law.
+# From the outer loop's checked parameters to the numbers of its controller.
 # -------------------------------------------------------------------------------------------------
 
 OBSERVER_DAMPING = 0.8
@@ -284,7 +284,7 @@ OBSERVER_DAMPING = 0.8
 
 
 def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
-    """Numbers of the law from the parameters of config/outer_loop.yaml.
+    """Numbers of the controller from the parameters of config/outer_loop.yaml.
 
     Parameters
     ----------

@@ -2,9 +2,9 @@
 """The phases of a flight, flown: what is measured, what follows from it, which way is followed.
 
 `heli_outer_pd.modes` says what may follow what. Here its facts are found in the navigation and in
-the law's own commands, and its phases are entered: collective on the ground, way in the air. It is
-asked once after each step of the law, so that the graph and the one-process loop do the same. No
-ROS.
+the controller's own commands, and its phases are entered: collective on the ground, way in the air.
+It is asked once after each step of the controller, so that the graph and the one-process loop do
+the same. No ROS.
 """
 
 import math
@@ -119,7 +119,7 @@ class IntoWind:
         Parameters
         ----------
         now_ns : int
-            Stamp of a step of the law, ns.
+            Stamp of a step of the controller, ns.
         push_right_mps2 : float
             By how much the air accelerates the aircraft to its right, as estimated.
         """
@@ -159,9 +159,9 @@ class IntoWind:
             one's is, above half of the height at which its last part begins. Not where its
             position is about to be lost: the lean of a heading is learnt before.
         now_ns : int
-            Stamp of the law's last step, ns.
+            Stamp of the controller's last step, ns.
         nav, state : arrays
-            Navigation row and state of the law.
+            Navigation row and state of the controller.
         ground_down_m : float
             Where the ground is, as far as it is known, NED.
         """
@@ -203,7 +203,7 @@ class Phases:
         How a goto and a halt are flown.
     params : OuterParams
     state : array
-        State of the law, changed in place.
+        State of the controller, changed in place.
     fence : ReferenceLimits
         What a goto may ask for.
     orders : sequence of Scripted, optional
@@ -377,7 +377,7 @@ class Phases:
         ----------
         command : Command
         now_ns : int
-            Stamp of the law's last step.
+            Stamp of the controller's last step.
         nav : array
             Navigation row of it.
         goal : (3,) array and float, optional
@@ -396,7 +396,7 @@ class Phases:
         return None
 
     def after(self, now_ns: int, nav: Array, out: Array) -> bool:
-        """Look at what a step of the law has seen and done; True if another way is followed.
+        """Look at what a step of the controller has seen and done; True if another way is followed.
 
         Parameters
         ----------
@@ -496,7 +496,7 @@ class Phases:
         return lifts_more(out[SETPOINT.col], col, self.numbers.idle_collective, self.params)
 
     def _is_over(self, now_ns: int) -> bool:
-        """The way ends, and with it what the law averages of it."""
+        """The way ends, and with it what the controller averages of it."""
         assert self.trajectory is not None
         return (
             now_ns
@@ -544,7 +544,7 @@ class Phases:
             )
             self._now(phase, event, now_ns)
             if anew:
-                # The very next step of the law is by the sticks.
+                # The very next step of the controller is by the sticks.
                 self._steer(now_ns, nav)
             return
         assert self.trajectory is not None  # a guard, or the phases before, have seen to it
@@ -615,7 +615,7 @@ class Phases:
         )
 
     def _rests(self, way: Trajectory, now_ns: int) -> bool:
-        """Whether a way stands still for as long as the law averages it about now."""
+        """Whether a way stands still for as long as the controller averages it about now."""
         around = np.linspace(-1.0, 1.0, 9) * self.goto.shaping_ns
         rows = np.array([way.at(now_ns + round(offset)) for offset in around])
         return not bool(np.ptp(rows, axis=0).any())
@@ -636,7 +636,7 @@ class Phases:
         self._state.x[MEMORY.lands] = float(phase in (Phase.HALTING, Phase.DESCENDING))
 
     def _steer(self, now_ns: int, nav: Array) -> None:
-        """What the law's next step gets of the sticks."""
+        """What the controller's next step gets of the sticks."""
         n, low = self.numbers, flyable(nav) and self._is_low(nav)
         now = self._at(now_ns, nav)
         self.sticks.steer(self.phase, now, n.sticks, n.idle_collective, self.fence, low)
@@ -664,7 +664,7 @@ class ActiveOuterLoop:
     held : Trajectory or None
         The position of activation, held while there is no reference.
     engaged : bool
-        True once the law has followed; before that its command is the trim.
+        True once the controller has followed; before that its command is the trim.
     phases : Phases
         What the flight does, from the ground to the ground.
     diverted : Trajectory or None

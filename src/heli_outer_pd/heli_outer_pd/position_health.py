@@ -205,7 +205,7 @@ def sink(nav, ref, k, state, d_h):
     back = steady * over + max(_DAMPING - steady, 0.0) * fast
     if eased > 0.0:
         back = steady * (state.x[MEMORY.probe_mps] - state.x[MEMORY.sink_mps])
-    # The law itself feeds back K_D times all of the difference.
+    # The controller itself feeds back K_D times all of the difference.
     d_h[2] = state.x[MEMORY.rest_down] - k.K_D[2] * over + back - eased
 
 
@@ -275,7 +275,7 @@ def plight(phase: Phase) -> str:
 
 
 def flown_in_words(phase: Phase, state: OuterState, held: str) -> str:
-    """What is flown in a phase, in a sentence, by a law's state; `held` where a place is held."""
+    """What is flown in a phase, in a sentence, by a controller's state; `held`: with a place."""
     if state.machine[MACHINE.rotor] != ROTOR_DRIVEN:
         return "rotor slow: autorotation"
     if state.machine[MACHINE.altitude] != ALTITUDE_VALID:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PD position and altitude law with a disturbance estimate: eq. (20) and (21), corrected.
+"""PD position and altitude controller with a disturbance estimate: eq. (20) and (21), corrected.
 
 eq. (20) prints a position where a thrust must stand; eq. (21) carries a misprinted K_D subscript.
 Used here:
@@ -9,10 +9,10 @@ Used here:
     a         = acc_ref + K_P (pos_ref - pos) + K_D (vel_ref - vel) - d
 
 with z down (NED) and a rotated from NED to the heading frame; in (21) it goes through a lead that
-makes up for part of the attitude loop's lag. d is the estimated acceleration that the law's own
-model does not explain (wind drag, a rotor weaker than its map). (21) prints asin(sat(a / g)), which
-`exact_tilt: false` flies: as (20) holds the lift at any tilt, the thrust then accelerates sideways
-by g tan, more than what was wanted (a fifth more at 35 deg). The trims stand in
+makes up for part of the attitude loop's lag. d is the estimated acceleration that the controller's
+own model does not explain (wind drag, a rotor weaker than its map). (21) prints asin(sat(a / g)),
+which `exact_tilt: false` flies: as (20) holds the lift at any tilt, the thrust then accelerates
+sideways by g tan, more than what was wanted (a fifth more at 35 deg). The trims stand in
 front because a helicopter hangs sideways in still-air hover: the tail rotor's side force is
 balanced by roll.
 """
@@ -91,8 +91,7 @@ from heli_outer_pd.state import (
 # height. The blade pitch is that of the thrust map at the speed that the rotor has: as it slows
 # down
 # the pitch rises, until all that turns has been spent. Horizontally and in heading the position
-# law
-# flies on, its tilt held small. Whether the rotor is slow: `rotor_watch`.
+# controller flies on, its tilt held small. Whether the rotor is slow: `rotor_watch`.
 # -------------------------------------------------------------------------------------------------
 
 _FASTEST_MPS, _TOUCH_MPS, _SLOWS_MPS2, _LAST_S = 9.0, 0.7, 5.0, 0.6
@@ -137,7 +136,7 @@ def autorotate(nav, k, state, out):
         Navigation row.
     k : OuterParams
     state : OuterState
-        Of the law, places of `MEMORY`; remembers the command and no disturbance downwards.
+        Of the controller, places of `MEMORY`; remembers the command and no disturbance downwards.
     out : (4,) array
         Places of `heli_core.rows.SETPOINT`.
     """
@@ -160,7 +159,7 @@ def autorotate(nav, k, state, out):
 
 
 # -------------------------------------------------------------------------------------------------
-# Position law.
+# Position controller.
 # -------------------------------------------------------------------------------------------------
 
 __all__ = [
@@ -354,8 +353,8 @@ def position_law(nav, ref, k, state, out):
 def _steered(nav, ref, k, state, out):
     """Attitude, climb and turn as a pilot's sticks command them; nothing holds the place.
 
-    The reference (10,) becomes where the aircraft is and how it moves, so that of the law the
-    vertical, the heading and the estimate of the disturbance are left.
+    The reference (10,) becomes where the aircraft is and how it moves, so that of the controller
+    the vertical, the heading and the estimate of the disturbance are left.
     """
     copy(ref[SHAPED.pos], nav[NAV.pos])
     copy(ref[SHAPED.vel], nav[NAV.vel])

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law given in Python, flown in the place of the position law.
+"""A controller given in Python, flown in place of the position controller.
 
 It reads x (31,), the navigation row (places `NAV`: position, velocity NED, quaternion, body rates
 ...), and r (10,), the reference without jumps (places `SHAPED`: position, velocity, acceleration
 NED, heading), and gives phi, theta, psi (rad, absolute) and the collective (-1..1), every
-`period_ticks`. It flies where the position law follows a reference in the air. On the ground, by a
-pilot's sticks, and without a position the packaged law goes on, which also runs beside it, so that
-wind, modes and failsafes are as they are; where it begins, the difference to what was flown fades.
-Roll and pitch are cut at `tilt_limit_deg` off trim.
+`period_ticks`. It flies where the position controller follows a reference in the air. On the
+ground, by a pilot's sticks, and without a position the packaged controller goes on, which also runs
+beside it, so that wind, modes and failsafes are as they are; where it begins, the difference to
+what was flown fades. Roll and pitch are cut at `tilt_limit_deg` off trim.
 """
 
 import math
@@ -37,17 +37,17 @@ from heli_outer_pd.state import (
 )
 
 Array = NDArray[np.float64]
-_COLLECTIVE_LIMIT = 0.98  # as of the position law
+_COLLECTIVE_LIMIT = 0.98  # as of the position controller
 _FADE_S = 0.5  # as where a pilot hands over
 
 
 class OwnPositionLaw:
-    """What steps the outer loop, with the law in the place of the packaged one.
+    """What steps the outer loop, with the controller in place of the packaged one.
 
     Parameters
     ----------
     law : PythonLaw or None
-        Of the outer loop; None: the packaged law flies.
+        Of the outer loop; None: the packaged controller flies.
     """
 
     def __init__(self, law: PythonLaw | None) -> None:
@@ -57,7 +57,7 @@ class OwnPositionLaw:
 
     @property
     def failure(self) -> str:
-        """What the law has done wrong in flight, and what is flown; empty for nothing."""
+        """What the controller has done wrong in flight, and what is flown; empty for nothing."""
         if self.law is None or not self.law.failure:
             return ""
         return f"{self.law.failure}; the last good command is held"
@@ -81,7 +81,8 @@ class OwnPositionLaw:
     ) -> int:
         """One tick; arguments and outcome as of `outer_loop.step`, which is `packaged`.
 
-        Where the law has failed the last command is repeated: BAD_REFERENCE, and `law.failure`.
+        Where the controller has failed the last command is repeated: BAD_REFERENCE, and
+        `law.failure`.
         """
         reference = time_ns, times_ns, points
         if self.law is None:
@@ -128,7 +129,7 @@ class OwnPositionLaw:
 
 
 def _leads(state: OuterState) -> bool:
-    """Whether the law is asked: along a reference, with a position and a rotor at its speed."""
+    """Whether the controller is called: on a reference, with position and rotor at its speed."""
     known = (
         state.machine[MACHINE.guidance] == FLIES
         and state.machine[MACHINE.position] == POSITION_VALID
@@ -137,7 +138,7 @@ def _leads(state: OuterState) -> bool:
 
 
 def own_law(source: str) -> OwnPositionLaw:
-    """The law of the parameter `own_law`; empty: the packaged one.
+    """The controller of the parameter `own_law`; empty: the packaged one.
 
     Raises
     ------
@@ -147,5 +148,5 @@ def own_law(source: str) -> OwnPositionLaw:
         return OwnPositionLaw(None)
     law = find(source)
     if law.loop != OUTER:
-        raise LawError(f"law {law.name}: is of the {law.loop} loop; here: the {OUTER} loop")
+        raise LawError(f"controller {law.name}: is of the {law.loop} loop; here: the {OUTER} loop")
     return OwnPositionLaw(law)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the law follows: the reference, begun where the aircraft is and averaged so that its
+"""What the controller follows: the reference, begun where the aircraft is and averaged so that its
 velocity has no jumps.
 """
 
@@ -28,7 +28,7 @@ from heli_outer_pd.state import MEMORY, OuterParams, OuterState
 
 _SHAPING_SAMPLES = 32
 _N_REFERENCE = REFERENCE.size
-_TURN_NS = 120_000_000  # three periods of the law
+_TURN_NS = 120_000_000  # three periods of the controller
 _CATCH_UP = 10  # one second of a trajectory's late start is caught up in so many
 
 
@@ -76,9 +76,9 @@ def turn_rate_at(time_ns, times_ns, points):
 
 
 def unforeseen_window_ns(values: Mapping[str, Any]) -> int:
-    """Window over which the law averages a reference of others, ns, from its parameters.
+    """Window over which the controller averages a reference of others, ns, from its parameters.
 
-    Of one that is not known ahead (`reference_preview`) it is one step of the law, which its
+    Of one that is not known ahead (`reference_preview`) it is one step of the controller, which its
     acceleration is the difference over: half a step lies ahead of now. What the loop plans itself
     is known from the command on.
     """
@@ -171,7 +171,7 @@ class MotionState:
 
 
 def flown_now(nav: Array, k: OuterParams, state: OuterState) -> MotionState:
-    """How the aircraft moves by its navigation and the law's own estimate of the forces."""
+    """How the aircraft moves by its navigation and the controller's own estimate of the forces."""
     acc = np.empty(3)
     flown_acceleration_ned(nav, k, state, acc)
     phi, theta, psi = euler_from_quat(nav[NAV.quat])
@@ -180,7 +180,7 @@ def flown_now(nav: Array, k: OuterParams, state: OuterState) -> MotionState:
 
 
 def reference_state(trajectory: Trajectory, now_ns: int, window_ns: int) -> MotionState:
-    """How the reference moves, as the law follows it, averaged over its window."""
+    """How the reference moves, as the controller follows it, averaged over its window."""
     shaped, row = np.empty(SHAPED.size), np.empty(REFERENCE.size)
     asked = now_ns - trajectory.start_ns, trajectory.times_ns, trajectory.points
     shaped_reference_at(asked[0], window_ns, 0.0, *asked[1:], shaped)
@@ -202,7 +202,7 @@ def warm_up(k: OuterParams, state: OuterState) -> None:
 
 
 def anchored(flown: MotionState, now_ns: int, start_ns: int, k: OuterParams) -> Trajectory:
-    """A reference that moves so about now, as far as the law averages it, to be diverted from.
+    """A reference that moves so about now, within the controller's window, to be diverted.
 
     Parameters
     ----------

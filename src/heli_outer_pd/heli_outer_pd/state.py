@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers, state and outcome of the outer loop's laws."""
+"""Numbers, state and outcome of the outer loop's controllers."""
 
 import enum
 import math
@@ -92,11 +92,11 @@ def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
 
 
 class OuterStateRow(NamedTuple):
-    """Numbers of the law's state (93,)."""
+    """Numbers of the controller's state (93,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
-    engaged: int = 6  # 1.0 once the law has made a step
+    engaged: int = 6  # 1.0 once the controller has made a step
     command: slice = slice(7, 11)  # last output, a SetpointRow
     lagged: slice = slice(11, 13)  # commanded acceleration behind the attitude loop's lag, m/s2
     led: slice = slice(13, 15)  # wanted acceleration behind the lead's filter, NED, m/s2
@@ -180,7 +180,7 @@ class OuterMachineRow(NamedTuple):
 
 MACHINE = OuterMachineRow()
 FLIES, STANDS, LEAVES, STEERED, BY_HAND, LOW_BY_HAND = range(6)
-"""Along the reference; on the skids, the law not engaged; lifting off, engaged without estimating;
+"""Along the reference; on the skids, not engaged; lifting off, engaged without estimating;
 attitude, climb and turn by a pilot's sticks; actuators by them; the same near the ground.
 `Phases` and the pilot's `StickFlight` change it."""
 POSITION_VALID, POSITION_LOST, POSITION_REACQUIRED = range(3)
@@ -199,7 +199,7 @@ ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 
 @by_reference
 class OuterState(NamedTuple):
-    """State of the law, changed in place."""
+    """State of the controller, changed in place."""
 
     x: np.ndarray  # (93,) places of `MEMORY`
     machine: np.ndarray  # (5,) int64, places of `MACHINE`
@@ -231,7 +231,7 @@ _SENTENCES = {
 
 @by_reference
 class OuterParams(NamedTuple):
-    """Numbers of the law, in the form that compiled code takes."""
+    """Numbers of the controller, in the form that compiled code takes."""
 
     K_P: np.ndarray  # (3,) 1/s2, heading x, heading y, down
     K_D: np.ndarray  # (3,) 1/s, same axes
@@ -274,7 +274,7 @@ class OuterParams(NamedTuple):
 
 
 def initial_state(k: OuterParams) -> OuterState:
-    """State of a law that is not engaged yet; its last command is the trim."""
+    """State of a controller that is not engaged yet; its last command is the trim."""
     state = OuterState(np.zeros(MEMORY.size), np.zeros(MACHINE.size, np.int64))
     state.x[MEMORY.command] = k.trim
     state.x[MEMORY.rotor_s], state.x[MEMORY.rotor_known] = -1.0, 1.0

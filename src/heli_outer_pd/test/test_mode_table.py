@@ -202,8 +202,8 @@ def test_modes_are_what_people_call_the_phases():
         (Phase.DESCENDING, Command.HOLD, (Guard.CLEAR,),
          "hold: not in land now: the ground is too near; allowed: manual"),
         (Phase.MANUAL, Command.HOLD, (Guard.ENVELOPE,),
-         "hold: not in manual now: the aircraft is outside the envelope: it is tilted more than "
-         "the law may command; allowed: land, goto, follow, velocity, attitude, manual"),
+         "hold: not in manual now: the aircraft is outside the envelope: its tilt is more than the "
+         "controller may command; allowed: land, goto, follow, velocity, attitude, manual"),
         (Phase.HOVER, Command.MANUAL, (Guard.STICKS,),
          "manual: not in hover now: no sticks are heard; allowed: land, hold, goto, follow, "
          "velocity, attitude"),

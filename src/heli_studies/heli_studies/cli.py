@@ -84,7 +84,7 @@ def identify(
     params: Params = None,
     as_json: Json = False,
 ) -> int:
-    """Identify the aircraft from flight: A, B, E, servos, trims; design observer and laws."""
+    """Identify the aircraft from flight: A, B, E, servos, trims; design its controllers."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import console

@@ -392,7 +392,7 @@ def _searched(
     who: tuple[int | None, str | None], out: Path, content: Callable[[], dict[str, Any]],
     show: "Callable[[Console], None]", as_json: bool,
 ) -> int:  # fmt: skip
-    """Run a search, tell and keep what it has found; what stands, if it is broken off."""
+    """Run a search, tell and keep what it has found; the result so far, if interrupted."""
     from heli_core.errors import FlightError
     from heli_flight.terminal import console, json_text, long_steps
     from heli_studies.campaign.rare import print_folder
@@ -429,7 +429,7 @@ def _searched(
 
 REPORT_EPILOG = (
     "\b\nexample:\n  heli campaign report flown\n\n"
-    "exit code: 0 written, 2 bad input. A campaign that was broken off is told as far as it came."
+    "exit code: 0 written, 2 bad input. Of an interrupted campaign it tells what was flown."
 )
 
 

@@ -54,7 +54,7 @@ ALL_LAWS = "hinf_output,hinf,hinf_offset_free,lqr,pid"
 
 
 compare = typer.Typer(
-    help="Fly laws against each other, and worlds against worlds.",
+    help="Fly controllers against each other, and worlds against worlds.",
     no_args_is_help=True,
     rich_markup_mode=None,
     epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",
@@ -72,11 +72,12 @@ def compare_attitude(
     ideal: Annotated[
         bool,
         typer.Option(
-            "--ideal-navigation", help="also without the estimator's errors: the law alone"
+            "--ideal-navigation", help="also without the estimator's errors: the controller alone"
         ),
     ] = False,
     flap_back: Annotated[
-        bool, typer.Option("--flap-back", help="a rotor that flaps back; the laws do not know")
+        bool,
+        typer.Option("--flap-back", help="a rotor that flaps back, unknown to the controllers"),
     ] = False,
     controllers: ComparedControllers = ALL_LAWS,
     gps: Gps = None,
@@ -89,7 +90,7 @@ def compare_attitude(
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Fly every law on the same seeds in the paper's attitude test (Fig. 3, 4)."""
+    """Fly every controller on the same seeds in the paper's attitude test (Fig. 3, 4)."""
     from heli_flight.fly import tell_if_it_compiles
     from heli_flight.settings import resolve
     from heli_flight.terminal import being_filled, console, json_text, steps
@@ -142,7 +143,7 @@ def compare_robustness(
     params: Params = None,
     as_json: Json = False,
 ) -> int:
-    """Fly the nominal aircraft's laws on N perturbed aircraft."""
+    """Fly the nominal aircraft's controllers on N perturbed aircraft."""
     from heli_flight.settings import resolve
     from heli_flight.terminal import console, json_text, steps
     from heli_studies import compare as robustness
@@ -172,7 +173,7 @@ def compare_controller(
         list[str],
         typer.Argument(
             metavar="LAW...",
-            help="laws of your own in Python, MODULE:NAME or FILE.py:NAME, whose code runs; or "
+            help="your controllers in Python, MODULE:NAME or FILE.py:NAME, whose code runs; or "
             "packaged control presets",
         ),
     ],
@@ -192,7 +193,7 @@ def compare_controller(
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Fly laws of your own against the packaged ones, on the same seeds."""
+    """Fly controllers of your own against the packaged ones, on the same seeds."""
     from functools import partial
 
     from heli_flight.fly import FlightOrder, tell_if_it_compiles
@@ -340,7 +341,7 @@ def compare_laws(
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Fly files of laws against each other: worlds, both receivers, perturbed aircraft."""
+    """Fly control presets against each other: worlds, both receivers, perturbed aircraft."""
     from heli_flight.fly import tell_if_it_compiles
     from heli_flight.terminal import being_filled, console, json_text, steps
     from heli_studies import compare_flights

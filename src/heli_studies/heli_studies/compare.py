@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli compare robustness`: the nominal aircraft's laws on aircraft that differ from it.
+"""`heli compare robustness`: the nominal aircraft's controllers on aircraft that differ from it.
 
-Each aircraft is drawn from its own seed, flies in that seed's wind, and is the same for every law.
-Observer and laws stay as designed. One process; the compiled loop is reused as it is.
+Each aircraft is drawn from its own seed, flies in that seed's wind, and is the same for every
+controller. Observer and controllers stay as designed. One process; the compiled loop is reused as
+it is.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +30,7 @@ from heli_studies.campaign.run import with_seed
 from heli_studies.design.make import LONGEST_DELAY_S
 
 # -------------------------------------------------------------------------------------------------
-# The attitude laws that `heli compare` flies against each other.
+# The attitude controllers that `heli compare` flies against each other.
 # -------------------------------------------------------------------------------------------------
 
 OFFSET_FREE_RADPS = 0.5
@@ -38,7 +39,7 @@ AXES = ("roll", "pitch")
 
 @dataclass(frozen=True)
 class ComparedLaw:
-    """A law: key, name for tables, and what it changes in the inner loop's parameters."""
+    """A controller: key, name for tables, and what it changes in the inner loop's parameters."""
 
     key: str
     name: str
@@ -60,7 +61,7 @@ _BY_KEY = {law.key: law for law in LAWS}
 
 
 def parse_laws(text: str) -> tuple[ComparedLaw, ...]:
-    """Laws of "hinf,pid".
+    """Controllers of "hinf,pid".
 
     Raises
     ------
@@ -77,7 +78,7 @@ def parse_laws(text: str) -> tuple[ComparedLaw, ...]:
 
 
 def with_law(settings: Settings, law: ComparedLaw) -> Settings:
-    """The same flight under another law; everything else stays as it is."""
+    """The same flight under another controller; everything else stays as it is."""
     inner = {**settings.nodes["inner_loop"], **law.changes}
     return replace(settings, nodes={**settings.nodes, "inner_loop": inner})
 
@@ -135,7 +136,7 @@ PERTURBATIONS = (
 
 @dataclass(frozen=True)
 class PerturbedFlight:
-    """A law on the aircraft of one perturbation; errors from ground truth, deg, larger axis.
+    """A controller on the aircraft of one perturbation; errors from ground truth, deg, larger axis.
 
     Attributes
     ----------
@@ -191,7 +192,7 @@ def perturbed(nominal: plant.PlantConfig, parts: Sequence[str], seed: int) -> pl
 
 
 class RobustnessSetup:
-    """What stays the same over all flights: observer, outer loop, laws."""
+    """What stays the same over all flights: observer, outer loop, controllers."""
 
     def __init__(self, settings: Settings, laws: Sequence[ComparedLaw]) -> None:
         self.settings, self.laws = settings, laws
@@ -203,7 +204,7 @@ class RobustnessSetup:
         }
 
     def fly(self, parts: Sequence[str], seed: int) -> dict[str, float]:
-        """Largest error (deg) of each law on the aircraft of this seed; inf if it was lost."""
+        """Largest error (deg) of each controller on this seed's aircraft; inf if it was lost."""
         settings = with_seed(self.settings, seed)
         nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
         config = perturbed(nominal, parts, seed)
@@ -213,7 +214,7 @@ class RobustnessSetup:
                 for key, kernel in self.kernels.items()
             }
         except TrimError:
-            # No actuator setting holds this aircraft in this wind: no law can.
+            # No actuator setting holds this aircraft in this wind: no controller can.
             return {key: float("inf") for key in self.kernels}
         return {
             key: largest_error_deg(fly_loop(loop, settings), settings)
@@ -317,7 +318,8 @@ def _cell(o: PerturbedFlight) -> str:
 
 
 # -------------------------------------------------------------------------------------------------
-# The attitude loop as a flight's settings fly it: linear, of the aircraft that its laws know.
+# The attitude loop as a flight's settings fly it: linear, of the aircraft that its controllers
+# know.
 # -------------------------------------------------------------------------------------------------
 
 
@@ -341,19 +343,19 @@ class Margins(NamedTuple):
 def loop_as_flown(
     nodes: Mapping[str, Mapping[str, Any]], actuation: Actuation | None = None
 ) -> Loop | None:
-    """Any law behind servos and delay, state feedback behind observer (19) and prediction besides.
+    """Any controller with servos and delay, state feedback also with observer (19), prediction.
 
     Parameters
     ----------
     nodes : mapping
         Parameters of inner loop and observer.
     actuation : Actuation, optional
-        Another one than that which the law knows.
+        Another one than that which the controller knows.
 
     Returns
     -------
     Loop or None
-        None for a kind of law whose linear form is not known.
+        None for a kind of controller whose linear form is not known.
     """
     return _loop(AttitudeConfig.from_parameters(nodes["inner_loop"]), nodes["observer"], actuation)
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli compare laws`: files of laws against each other, in every world and on perturbed aircraft.
+"""`heli compare laws`: control presets compared, in every world and on perturbed aircraft.
 
 All fly the attitude test on the same seeds: with both receivers and with ideal navigation, which
-shows the law alone, in each world, and on aircraft that differ from the nominal one. Errors are
-those of ground truth. Every flight is a thread's own, and none changes another: how many fly at a
-time changes no number.
+shows the controller alone, in each world, and on aircraft that differ from the nominal one. Errors
+are those of ground truth. Every flight is a thread's own, and none changes another: how many fly at
+a time changes no number.
 """
 
 import statistics
@@ -58,12 +58,12 @@ SCENARIO = "attitude_gusts"
 AIRCRAFT_PARTS = (*TOGETHER, "flap_back")
 """What is drawn anew per aircraft, within 30 %, and that its rotor flaps back."""
 FIGURES = ("worst_deg", "median_deg", "rms_deg")
-"""Of a row, by which laws are held against each other: the smaller, the better."""
+"""Of a row, by which controllers are compared with each other: the smaller, the better."""
 
 
 @dataclass(frozen=True)
 class FlightCondition:
-    """Where laws are flown.
+    """Where controllers are flown.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class FlightCondition:
         return f"{Path(self.world).stem}, {NAVIGATIONS[self.navigation]}{aircraft}"
 
     def settings(self, laws: str, duration_s: float | None) -> Settings:
-        """What is flown there with laws, but for the seed; raises ParameterError."""
+        """What is flown there with controllers, but for the seed; raises ParameterError."""
         gps = "rtk" if self.navigation == "ideal" else self.navigation
         return resolve(SCENARIO, gps, None, duration_s, world=self.world, laws=laws)
 
@@ -117,9 +117,9 @@ _LOST = LawRun(np.full(2, np.inf), np.full(2, np.inf), np.full(3, np.nan))
 
 @dataclass
 class LawMatrix:
-    """Flights by place and law, in the order of the place's seeds; margins by law, None: not known.
+    """Flights by place and controller, by the place's seeds; margins by controller, or None.
 
-    `default` is the law that flies unless others are named, empty if it is none of these.
+    `default` is the controller that flies unless others are named, empty if it is none of these.
     """
 
     laws: Sequence[str]
@@ -130,7 +130,7 @@ class LawMatrix:
     margins: dict[str, Margins | None] = field(default_factory=dict)
 
     def summary(self) -> list[dict[str, Any]]:
-        """A row per place, law and axis."""
+        """A row per place, controller and axis."""
         return [
             self._row(place, law, axis)
             for place in self.seeds
@@ -180,7 +180,7 @@ class LawMatrix:
 
 
 def parse_laws(text: str) -> tuple[str, ...]:
-    """Files of laws of "packaged,pid"; of "all" the packaged ones that differ from one another.
+    """Control presets of "packaged,pid"; of "all" the packaged ones that differ from one another.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def parse_laws(text: str) -> tuple[str, ...]:
 
 
 def _nodes(laws: str) -> _Nodes:
-    """All that is flown with laws which they may tell, by node and parameter."""
+    """All that is flown with controllers which they may tell, by node and parameter."""
     settings = resolve(SCENARIO, "rtk", world="paper", laws=laws)
     return {section: settings.nodes[section] for section in SECTIONS}
 
@@ -234,14 +234,14 @@ def compare_laws(
     jobs: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> LawMatrix:
-    """Fly every law at every place on its seeds, so many flights at a time.
+    """Fly every controller at every place on its seeds, so many flights at a time.
 
     Progress is told how many flights are done.
 
     Raises
     ------
     ParameterError, SynthesisError
-        Laws that cannot be flown.
+        Controllers that cannot be flown.
     """
     nodes, usual = {law: _nodes(law) for law in laws}, _nodes(PACKAGED)
     result = LawMatrix(laws, where, next((law for law in laws if _same(nodes[law], usual)), ""))
@@ -270,7 +270,7 @@ def _flown(
     kernels: Mapping[str, AttitudeParams],
     seed: int,
 ) -> dict[str, LawRun]:
-    """The flights of a seed at a place, by law, all of the same aircraft in the same air."""
+    """The flights of a seed at a place, by controller, all of the same aircraft in the same air."""
     seed_settings = {law: law_settings.with_seed(seed) for law, law_settings in settings.items()}
     nominal = plant.PlantConfig.from_parameters(next(iter(seed_settings.values())).nodes["plant"])
     aircraft, ideal = perturbed(nominal, place.parts, seed), place.navigation == "ideal"
@@ -279,7 +279,7 @@ def _flown(
             law: build(seed_settings[law], ideal, aircraft, kernels[law]) for law in seed_settings
         }
     except TrimError:
-        # No actuator setting holds this aircraft in this wind: no law can.
+        # No actuator setting holds this aircraft in this wind: no controller can.
         return dict.fromkeys(seed_settings, _LOST)
     return {
         law: _scored(fly_loop(loops[law], seed_settings[law]), seed_settings[law])
@@ -316,7 +316,7 @@ def _finite(value: float) -> float | None:
 
 
 def print_law_matrix(result: LawMatrix, out: Console) -> None:
-    """Per place and axis worst / median and rms of each law, and on how many flights it won."""
+    """Per place and axis worst / median and rms of each controller, and flights that it won."""
     rows = table(
         "Largest attitude error from truth: worst / median over the flights, rms, deg; on how "
         "many it is below the PID's; *: smallest of the row",
@@ -340,7 +340,7 @@ def print_law_matrix(result: LawMatrix, out: Console) -> None:
 
 
 def heads(content: Mapping[str, Any]) -> list[str]:
-    """Laws as a table names them."""
+    """Controllers as a table names them."""
     default = content["default"]
     return [f"{law} (default)" if law == default else law for law in content["laws"]]
 
@@ -351,12 +351,12 @@ def condition_title(place: Mapping[str, Any], axis: str) -> str:
 
 
 def rows_of(content: Mapping[str, Any], place: str, axis: str) -> list[Mapping[str, Any]]:
-    """The rows of one place and axis, in the order of the laws."""
+    """The rows of one place and axis, in the order of the controllers."""
     return [row for row in content["rows"] if (row["place"], row["axis"]) == (place, axis)]
 
 
 def smallest(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Of each of `FIGURES` the smallest, as it is printed; of laws that lost no aircraft."""
+    """Of each of `FIGURES` the smallest, as it is printed; of controllers that lost no aircraft."""
     kept = [row for row in rows if not row["lost"]]
     return {key: _printed(min(row[key] for row in kept)) for key in FIGURES if kept}
 
@@ -371,7 +371,7 @@ def _printed(value: float | None) -> str:
 
 
 def cell(row: Mapping[str, Any], least: Mapping[str, str], mark: str) -> str:
-    """A law's numbers in a row of a table; `mark` is put about those that are the `least`."""
+    """A controller's numbers in a table's row; `mark` is put about those that are `least`."""
     if row["lost"] == row["flown"]:
         return "lost"
     worst, median, rms = (
@@ -383,7 +383,7 @@ def cell(row: Mapping[str, Any], least: Mapping[str, str], mark: str) -> str:
 
 
 def margin_cells(content: Mapping[str, Any]) -> list[str]:
-    """Margins of each law as a table says them."""
+    """Margins of each controller as a table says them."""
     return [
         f"{m['input']:.2f} / {m['output']:.2f}; {1e3 * m['delay_s']:.0f} ms" if m else "–"
         for m in (content["margins"][law] for law in content["laws"])
@@ -391,7 +391,8 @@ def margin_cells(content: Mapping[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------------------
-# `heli compare attitude`: the laws on the same seeds in the paper's attitude test (Fig. 3, 4).
+# `heli compare attitude`: the controllers on the same seeds in the paper's attitude test
+# (Fig. 3, 4).
 # -------------------------------------------------------------------------------------------------
 
 SOURCES = ("navigation", "truth", "ideal")
@@ -449,11 +450,11 @@ class AttitudeComparison:
         return flap_back_in_hover(HelicopterParameters.from_yaml(file))
 
     def of(self, law: str, source: str) -> dict[int, AttitudeFlight]:
-        """Flights of a law by seed."""
+        """Flights of a controller by seed."""
         return {f.seed: f for f in self.flights if (f.law, f.source) == (law, source)}
 
     def wins(self, law: str, source: str, axis: int) -> int | None:
-        """On how many seeds the law's largest error is below the PID's; None without a PID."""
+        """Seeds on which the controller's largest error is below the PID's; None without a PID."""
         mine, rival = self.of(law, source), self.of(RIVAL, source)
         if not rival or law == RIVAL:
             return None
@@ -464,7 +465,7 @@ class AttitudeComparison:
         )
 
     def summary(self) -> list[dict[str, Any]]:
-        """One row per law and source: largest and rms over all seeds, wins over the PID."""
+        """One row per controller and source: largest and rms over all seeds, wins over the PID."""
         rows = []
         for law in self.laws:
             for source in self.sources:
@@ -500,7 +501,7 @@ def compare_attitude(
     flap_back: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> AttitudeComparison:
-    """Fly every law on every seed.
+    """Fly every controller on every seed.
 
     Parameters
     ----------
@@ -508,9 +509,9 @@ def compare_attitude(
         An attitude scenario.
     laws, seeds : sequence
     ideal : bool
-        Also with ideal navigation, which shows the law without the estimator.
+        Also with ideal navigation, which shows the controller without the estimator.
     flap_back : bool
-        The rotor flaps back as its blades and bar do, which laws and observer do not know.
+        The rotor flaps back as its blades and bar do, which controllers and observer do not know.
     progress : callable
         Told how many flights are done.
     """
@@ -562,7 +563,7 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
         "them the largest is below the PID's",
         out,
     )
-    rows.add_column("law")
+    rows.add_column("controller")
     heads = {"navigation": "state estimate", "truth": "truth", "ideal": "ideal navigation"}
     for source in result.sources:
         for axis in AXES:
@@ -583,7 +584,7 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
     out.print(without_seed(conditions(result.settings)))
     if result.flap_back:
         settled = result.flap_back_radpmps
-        out.print(f"the rotor flaps back by {settled:.2g} rad s/m in hover, which no law knows")
+        out.print(f"the rotor flaps back by {settled:.2g} rad s/m in hover, unknown to all")
     for flight in result.flights:
         if flight.lost and flight.source == "truth":
             out.print(f"LOST: {flight.law}, seed {flight.seed}: {flight.lost}")
@@ -600,7 +601,7 @@ def _attitude_pooled(values: Sequence[float]) -> float:
 
 
 # -------------------------------------------------------------------------------------------------
-# The paper's Fig. 3 and 4 side by side: roll and pitch under the laws, same wind, same seed.
+# The paper's Fig. 3 and 4 side by side: roll and pitch under the controllers, same wind, same seed.
 # -------------------------------------------------------------------------------------------------
 
 _COLOURS = {"pid": RED, "lqr": ORANGE}
@@ -670,7 +671,7 @@ def _title(result: AttitudeComparison) -> str:
 
 
 # -------------------------------------------------------------------------------------------------
-# The picture of `heli compare laws`: median and worst of each law at each place.
+# The picture of `heli compare laws`: median and worst of each controller at each place.
 # -------------------------------------------------------------------------------------------------
 
 _MARKS = "osD^vP*X"
@@ -708,7 +709,8 @@ def draw_law_matrix(content: Mapping[str, Any], path: Path) -> None:
 
 
 # -------------------------------------------------------------------------------------------------
-# `heli compare worlds`: today's laws in several worlds, on the same seeds, with both receivers.
+# `heli compare worlds`: today's controllers in several worlds, on the same seeds, with both
+# receivers.
 #
 # How much falls outside the paper's figures is the result. One process; the compiled loop is
 # reused.

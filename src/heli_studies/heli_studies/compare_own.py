@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli compare controller`: laws in Python against the packaged ones, on the same seeds.
+"""`heli compare controller`: controllers in Python against the packaged ones, on the same seeds.
 
-A law in Python takes several times as long as a compiled one, so workers share the flights.
+A controller in Python takes several times as long as a compiled one, so workers share the flights.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ _FLOWN = "flown"
 
 @dataclass(frozen=True)
 class NamedLaw:
-    """A law that flies against others.
+    """A controller that flies against others.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ class NamedLaw:
 def rivals(
     names: Sequence[str], scenario: str, order: Callable[..., FlightOrder]
 ) -> tuple[NamedLaw, ...]:
-    """The packaged laws, and those that are named.
+    """The packaged controllers, and those that are named.
 
     Parameters
     ----------
     names : sequence of str
-        MODULE:NAME or FILE.py:NAME of a law in Python, or packaged laws.
+        MODULE:NAME or FILE.py:NAME of a controller in Python, or packaged controllers.
     scenario : str
     order : callable
         Makes the order of a flight with what else is flown.
@@ -74,7 +74,7 @@ def rivals(
         settings = order(scenario=scenario, mode=ONE_PROCESS, **named).resolved()
         found.append(NamedLaw(short_name(name) if own else name, settings, own))
     if len(found) < 2:
-        raise ParameterError(f"{PACKAGED} flies anyway; name another law, such as my_law.py:MyLaw")
+        raise ParameterError(f"{PACKAGED} flies anyway; name another one, such as my_law.py:MyLaw")
     return tuple(found)
 
 
@@ -110,7 +110,7 @@ class PairedFlights:
 def _flown(rival: NamedLaw, seed: int) -> FlownSeed:
     settings = rival.settings.with_seed(seed)
     try:
-        # Found anew: a law remembers.
+        # Found anew: a controller remembers.
         flight = fly_settings(settings)
     except TrimError as error:
         return FlownSeed(seed, Figures(), f"The aircraft cannot hover: {error}")
@@ -123,7 +123,7 @@ def compare_own(
     workers: int = 0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, list[FlownSeed]]:
-    """Fly every law on every seed; by a law's name what it flew, in the order of the seeds.
+    """Fly every controller on every seed; by a controller's name its flights, by seed.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def as_dict(laws: Sequence[NamedLaw], flown: dict[str, list[FlownSeed]]) -> dict
 
 
 def print_own(laws: Sequence[NamedLaw], flown: dict[str, list[FlownSeed]], out: Console) -> None:
-    """A row per metric: median and worst of each law, and on how many seeds it is the better."""
+    """A row per metric: median and worst of each controller, and seeds on which it is better."""
     count = len(next(iter(flown.values())))
     rows = table(
         f"Largest error of the truth, {STRETCHES[DECIDES]}: median (worst) of {count} "

@@ -573,12 +573,12 @@ class LinearLoop:
     Parameters
     ----------
     settings : Settings
-        Laws and observer are those of the nodes.
+        Controllers and observer are those of the nodes.
 
     Raises
     ------
     ParameterError
-        The law is not linear.
+        The controller is not linear.
     """
 
     def __init__(self, settings: Settings) -> None:

@@ -355,7 +355,8 @@ def _data_experiment(
 
 
 # -------------------------------------------------------------------------------------------------
-# From two experiments to a design: fits, then observer and laws from identified numbers only.
+# From two experiments to a design: fits, then observer and controllers from identified numbers
+# only.
 #
 # No aircraft file is read here. What comes from elsewhere than flight are the constants of
 # `IdentificationInputs`,
@@ -418,7 +419,7 @@ def identify(
     IdentificationError
         A fit is refused; its sentence says why.
     SynthesisError
-        No law exists for the identified model and gamma.
+        No controller exists for the identified model and gamma.
     """
     progress("A, B, servos, delay")
     ab = fit_actuators(actuators)
@@ -662,7 +663,7 @@ def _scalar_rows(identification: Identification, truth: Truth | None) -> list[Co
 
 
 def _norm_rows(design: FinishedDesign, truth: Truth) -> list[ComparisonRow]:
-    """Norms wind -> h: design against design, and the identified law on the true aircraft."""
+    """Norms wind -> h: design against design, and the identified one on the true aircraft."""
     nan = float("nan")
     rows = [
         ComparisonRow(
@@ -673,7 +674,7 @@ def _norm_rows(design: FinishedDesign, truth: Truth) -> list[ComparisonRow]:
     flown = peak_gain(flown_on(design, truth.basis).wind_to_h)[0]
     return [
         *rows,
-        ComparisonRow("norm", "norm, identified law on the true aircraft, as flown", float(flown),
+        ComparisonRow("norm", "norm, identified design, true aircraft, as flown", float(flown),
             nan, truth.design.reports[-1].norm, nan, TARGETS["norm"]),
     ]  # fmt: skip
 
@@ -794,7 +795,7 @@ def settings_of(wanted: IdentifyOrder, kind: str) -> Settings:
 
 
 def _with_the_law_to_fly(settings: Settings, wanted: IdentifyOrder) -> Settings:
-    """The same with the law that will fly what is found: the experiments' own is another."""
+    """The same with the controller that will fly what is found: the experiments' own is another."""
     inner = settings.nodes["inner_loop"]
     flies = resolve(params=layers(wanted)).nodes["inner_loop"]["controller"]
     return replace(settings, nodes={**settings.nodes, "inner_loop": {**inner, "controller": flies}})

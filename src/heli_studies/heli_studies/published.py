@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli compare aircraft`: designs for published linear aircraft, flown on each in several worlds.
 
-For each aircraft the project's own synthesis makes the attitude laws, observer and what the
+For each aircraft the project's own synthesis makes the attitude controllers, observer and what the
 position loop is told, from the file's A, B, E, trim and delay; gains of the position loop stay.
 """
 
@@ -43,7 +43,7 @@ AXES = ("lateral", "longitudinal", "altitude")
 
 @dataclass(frozen=True)
 class DesignedLaw:
-    """A law for an aircraft.
+    """A controller for an aircraft.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ def names_of(text: str) -> list[str]:
 
 @cache
 def designed(aircraft: str, law: str) -> DesignedLaw:
-    """The law for an aircraft, by the packaged weights.
+    """The controller for an aircraft, by the packaged weights.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def _judged(aircraft: str, law: str, made: FinishedDesign) -> DesignedLaw:
     nodes = {node: {**packaged[node], **made.values[node]} for node in ("inner_loop", "observer")}
     delay_ticks = int(packaged["plant"]["delay_ticks"])
     flown = loop_as_flown(nodes, flown_actuation(LinearAircraft.from_yaml(aircraft), delay_ticks))
-    assert flown is not None  # of these laws it is known
+    assert flown is not None  # of these controllers it is known
     bound = made.attitude.bound
     assert bound is not None
     margins = [disk_margin(flown, where).alpha for where in ("input", "output")]
@@ -108,7 +108,7 @@ def _judged(aircraft: str, law: str, made: FinishedDesign) -> DesignedLaw:
 
 
 def settings_of(aircraft: str, law: str, world: str) -> Settings:
-    """The hover test of a law on its aircraft in a world."""
+    """The hover test of a controller on its aircraft in a world."""
     overrides = copy.deepcopy(dict(designed(aircraft, law).values))
     return resolve("hover", GPS, world=world, controller=law, overrides=overrides)
 
@@ -140,7 +140,7 @@ def flown(aircraft: str, law: str, world: str, seed: int) -> dict[str, Any]:
 def row_of(
     aircraft: str, law: str, world: str, flights: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """What a law flew on an aircraft in a world."""
+    """What a controller flew on an aircraft in a world."""
     kept = [flight for flight in flights if not flight["lost"]]
     errors = {axis: [flight[axis] for flight in kept] for axis in AXES}
     return {
@@ -203,7 +203,7 @@ def cell(row: Mapping[str, Any], axis: str) -> str:
 def print_aircraft(content: Mapping[str, Any], out: Console) -> None:
     """The table: inside the paper's figures, largest errors, lost."""
     rows = table("Hover test, RTK, median / worst of the largest errors (m, truth)", out)
-    rows.add_column("aircraft, law, world")
+    rows.add_column("aircraft, controller, world")
     for name in ("inside", *AXES, "lost"):
         rows.add_column(name, justify="right")
     for row in content["rows"]:

@@ -300,9 +300,8 @@ def _sizes(rows: uncertain_Matrix) -> tuple[NDArray[np.float64], NDArray[np.floa
 #
 # One process, still air, sensors without noise, the flown navigation, attitude only: the aircraft
 # is
-# in its own trim, which laws and observer are told, so that what is left is the motion about it.
-# It
-# gets a small push, and the oscillation's growth is read off its envelope.
+# in its own trim, which controllers and observer are told, so that what is left is the motion about
+# it. It gets a small push, and the oscillation's growth is read off its envelope.
 # -------------------------------------------------------------------------------------------------
 
 _SETTLED_S = 3.0
@@ -413,11 +412,11 @@ def _loop(
 # -------------------------------------------------------------------------------------------------
 # The attitude loop as flown, with every aircraft of a set in it.
 #
-# The proof wants a rational loop: the law, the delay and the hold are mapped exactly from z to the
-# plane of w by z = (c + w) / (c - w), and there the aircraft's own s stands for w. With c fitted
-# at
-# `MATCHED_RADPS` both agree there, and nearly so below; the hold is (1 + 1/z) / 2, that is its
-# trapezoid. `exact` has neither approximation, for one aircraft: the tests and the report compare.
+# The proof wants a rational loop: the controller, the delay and the hold are mapped exactly from z
+# to the plane of w by z = (c + w) / (c - w), and there the aircraft's own s stands for w. With c
+# fitted at `MATCHED_RADPS` both agree there, and nearly so below; the hold is (1 + 1/z) / 2, that
+# is its trapezoid. `exact` has neither approximation, for one aircraft: the tests and the report
+# compare.
 # -------------------------------------------------------------------------------------------------
 
 MATCHED_RADPS = 25.0  # near where the margins are lost
@@ -426,7 +425,7 @@ _PLANE = MATCHED_RADPS / np.tan(0.5 * MATCHED_RADPS * TICK_S)
 
 
 def feedback_flown(settings: Settings) -> OutputFeedback:
-    """The linear law of the settings with its observer and prediction, measured states to u."""
+    """The settings' linear controller with observer and prediction, measured states to u."""
     nodes = settings.nodes
     config = AttitudeConfig.from_parameters(nodes["inner_loop"])
     law = linear_law_of(config.params)
@@ -486,7 +485,7 @@ def disks_at_output(
     delay_ticks: int,
     channels: Sequence[int] | None = None,
 ) -> GainFamily:
-    """The same at what law and observer read: `channels`, places in `law.measured`, or all."""
+    """The same at the inputs of controller and observer: `channels` of `law.measured`, or all."""
     parts = _parts(aircraft, law, delay_ticks)
     chosen = list(range(len(law.measured)) if channels is None else channels)
     added = np.zeros((parts.x_and_u.shape[0], len(chosen)))
@@ -508,7 +507,7 @@ def _disks(
 
 
 class _Parts(NamedTuple):
-    """plant: [A, B] behind its servos; its (x, u), the law's own x' and y from all states; law."""
+    """plant: [A, B] with servos; its (x, u), x' and y of the controller from all states; law."""
 
     plant: Uncertain
     x_and_u: uncertain_Matrix
@@ -562,7 +561,7 @@ class _Law(NamedTuple):
 
 
 def _late_and_held(law: OutputFeedback, delay_ticks: int) -> _Law:
-    """The law, its command `delay_ticks` late, behind the hold: half of it and half of the last."""
+    """The controller, its command `delay_ticks` late, held: half of it and half of the last."""
     n, depth = len(law.A), delay_ticks + 1
     size = n + _N_U * depth
     A, B = np.zeros((size, size)), np.zeros((size, law.B.shape[1]))
@@ -582,7 +581,7 @@ def _late_and_held(law: OutputFeedback, delay_ticks: int) -> _Law:
 
 
 def _in_plane(law: _Law) -> _Law:
-    """The same law with w for z = (c + w) / (c - w); exact."""
+    """The same controller with w for z = (c + w) / (c - w); exact."""
     inverse = np.linalg.inv(law.A + np.eye(len(law.A)))
     root = np.sqrt(2.0 * _PLANE)
     return _Law(
@@ -594,14 +593,13 @@ def _in_plane(law: _Law) -> _Law:
 
 
 # -------------------------------------------------------------------------------------------------
-# The attitude loop over the airspeed: one law from hover to forward flight.
+# The attitude loop over the airspeed: one controller from hover to forward flight.
 #
-# The aircraft is trimmed and linearised in winds that to it are flight through still air; the law,
-# servos, delay and 100 Hz are those that fly. A quadratic bound that the loops of flight straight
-# ahead share says that airspeed and flap-back may change as quickly as they like (`common_bound`):
-# the law needs no schedule. What trim needs meanwhile, integral action and the disturbance
-# estimate
-# find. With air from the side too each loop is judged by itself.
+# The aircraft is trimmed and linearised in winds that to it are flight through still air; the
+# controller, servos, delay and 100 Hz are those that fly. A quadratic bound that the loops of
+# flight straight ahead share says that airspeed and flap-back may change as quickly as they like
+# (`common_bound`): the controller needs no schedule. What trim needs meanwhile, integral action and
+# the disturbance estimate find. With air from the side too each loop is judged by itself.
 # -------------------------------------------------------------------------------------------------
 
 SPEEDS_MPS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
@@ -670,7 +668,7 @@ class OverAirspeed:
 
 
 def over_airspeed(settings: Settings) -> OverAirspeed:
-    """Trim, linearise, close and bound the loops of the settings' aircraft and law.
+    """Trim, linearise, close and bound the loops of the settings' aircraft and controller.
 
     Raises
     ------
@@ -911,7 +909,7 @@ def set_of(settings: Settings, asked: AircraftRanges) -> AircraftSet:
     except (AircraftError, TrimError) as error:
         raise ParameterError(
             f"robust: {_culprit(nominal, asked.ranges)}: an aircraft of the ranges cannot be "
-            f"flown, no law can hold it: {error}"
+            f"flown, no controller can hold it: {error}"
         ) from None
 
 

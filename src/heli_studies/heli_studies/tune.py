@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli tune`: an attitude law of a given structure for several aircraft and worlds at once.
+"""`heli tune`: an attitude controller of a given structure for several aircraft and worlds at once.
 
 Goals come from a YAML file, the aircraft from aircraft files, what a world changes of them (its
 flap-back, its delay) from the worlds; `heli_inner_hinf.fixed_structure` finds the numbers.
@@ -58,13 +58,13 @@ from heli_inner_hinf.tuning import CostScales, SampledAircraft, Surroundings, ga
 from heli_studies.robust import with_values
 
 WORLDS = ("paper", "honest")
-"""Where the law has to do unless others are named: the rotor flaps back in the second."""
+"""Where the controller has to do unless others are named: the rotor flaps back in the second."""
 PID, OUTPUT = "pid", "output"
 _GAINS = ("pid.K_P", "pid.K_I", "pid.K_D")
 _KEYS = {"name", "kind", "bound", "hard", "from", "to", "at", "further_ticks"}
 _MOST_TICKS = 10
 SAME = 0.01
-"""Relative difference of the worst soft share up to which two laws are as good as each other."""
+"""Relative difference of the worst soft share below which two controllers are equally good."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ class TuneResult:
     order : TuneOrder
     tuned : Tuned
     before : tuple of Reached
-        The same goals with the law that the search began with.
+        The same goals with the controller that the search began with.
     values : mapping of node to mapping of parameter to value
-        What flies the law.
+        What flies the controller.
     """
 
     order: TuneOrder
@@ -330,7 +330,7 @@ def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneR
 
 
 def values_of(tuned: Tuned, order: int | None) -> dict[str, dict[str, Any]]:
-    """The parameters that fly a law."""
+    """The parameters that fly a controller."""
     if order is None:
         gains = tuned.parameters.reshape(3, N_U)
         inner: dict[str, Any] = {"controller": PID, **dict(zip(_GAINS, gains, strict=True))}
@@ -341,7 +341,7 @@ def values_of(tuned: Tuned, order: int | None) -> dict[str, dict[str, Any]]:
 
 
 def write_tuned(result: TuneResult, path: Path) -> None:
-    """Write the parameter file that flies the law: `heli hover --params FILE`."""
+    """Write the parameter file that flies the controller: `heli hover --params FILE`."""
     order = result.order
     goals = f" --goals {order.goals}" if order.goals else ""
     dump_all(result.values, path)
@@ -370,7 +370,7 @@ PACKAGED = "tuned_pid.yaml"
 
 @dataclass(frozen=True)
 class Check:
-    """The packaged law beside the one that was tuned anew.
+    """The packaged controller beside the one that was tuned anew.
 
     Attributes
     ----------
@@ -382,7 +382,7 @@ class Check:
 
     @property
     def differences(self) -> list[str]:
-        """Where the packaged law misses a hard goal or is not as good, a sentence each."""
+        """Where the packaged controller misses a hard goal or is not as good, a sentence each."""
         lines = [
             f"{PACKAGED}: {one.goal.name} ({one.goal.where}) is {one.value:.5g}, bound "
             f"{one.goal.bound:g}"

@@ -51,7 +51,7 @@ def tune(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="helion, xcell60, logo600, or a YAML file; repeatable: one law for all (default: "
+            help="helion, xcell60, logo600, or a YAML file; repeatable: one for all (default: "
             "the plant's)",
             autocompletion=common.aircraft,
         ),
@@ -90,7 +90,7 @@ def tune(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Tune an attitude law of a given structure to soft and hard goals, for several aircraft."""
+    """Tune an attitude controller of given structure to soft and hard goals, on many aircraft."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import answer, being_filled, console, json_text, refuse_existing

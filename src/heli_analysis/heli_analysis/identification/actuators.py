@@ -703,7 +703,7 @@ class IdentifiedTrim:
     ----------
     x : (9,) array
         phi theta p q a_s b_s r d_int psi, rad and rad/s. psi is 0 by choice; so is d_int, as an
-        integrator's zero is a convention that observer and law share.
+        integrator's zero is a convention that observer and controller share.
     u : (4,) array
         d_lat, d_lon, d_ped, d_col.
     x_sigma, u_sigma : arrays of the same shapes
@@ -764,7 +764,8 @@ def _sigma_of_mean(flights: list[Array]) -> Array:
 
 
 # -------------------------------------------------------------------------------------------------
-# The collective's gain K_col for the altitude law's thrust map, from the specific force in z.
+# The collective's gain K_col for the altitude controller's thrust map, from the specific
+# force in z.
 # -------------------------------------------------------------------------------------------------
 
 _COL, _GUST_W = CHANNELS.index("col"), CHANNELS.index("w")

@@ -45,10 +45,10 @@ def epilog(prog: str) -> str:
     lines = (
         ("", "the paper's hover test, 60 s"),
         ("--gps rtk --seed 7", "another receiver, another wind"),
-        ("--world hard --seed 7", "another aircraft than its laws know, in gusts"),
-        ("--control-preset paper --world paper", "the paper's own laws, in its own world"),
+        ("--world hard --seed 7", "another aircraft than its controllers know, in gusts"),
+        ("--control-preset paper --world paper", "the paper's own controllers, in its own world"),
         ("--scenario attitude --attitude-controller pid", "the attitude test under a PID"),
-        ("--custom-law examples/my_law.py:MyLaw", "a law of your own"),
+        ("--custom-law examples/my_law.py:MyLaw", "a controller of your own"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
         ("--faults my_faults.yaml", "with sensors, actuators or links that fail"),
@@ -66,7 +66,7 @@ CustomLaw = Annotated[
     typer.Option(
         "--custom-law",
         metavar="LAW",
-        help="a law of your own in Python, MODULE:NAME or FILE.py:NAME, in the place of the "
+        help="a controller of your own in Python, MODULE:NAME or FILE.py:NAME, in place of the "
         'attitude controller, or of the position controller (loop = "outer"); its code runs; '
         "repeatable",
     ),

@@ -17,7 +17,7 @@ CONTROLLERS = {
     "lqg": "LQG output feedback with integral action",
     "lqr": "LQR state feedback on the predicted state",
     "pid": "three PID loops: the paper's baseline",
-    "matrices": "a linear law from matrices in your parameter file (law.A to law.D)",
+    "matrices": "a linear controller from matrices in your parameter file (law.A to law.D)",
     "indi": "incremental nonlinear dynamic inversion of the body rates",
 }
 """Attitude controllers in a few words."""
@@ -80,7 +80,7 @@ def first_sentence(file: Path) -> str:
             lines.append(line.lstrip("# "))
     text = _END_OF_SENTENCE.split(" ".join(lines), maxsplit=1)[0]
     # Of worlds and presets the line begins with the name, which stands before it already.
-    text = re.sub(rf"^(?:World|Laws) `{file.stem}`: ", "", text)
+    text = re.sub(rf"^(?:World|Control preset) `{file.stem}`: ", "", text)
     return text.strip()
 
 

@@ -166,7 +166,8 @@ def _reference(
 ) -> np.ndarray:
     """Reference rows (N, 7) at the ticks: of the trajectory come last, the first one before it.
 
-    As the outer loop followed it: moved to where the aircraft was when the law engaged, if it was.
+    As the outer loop followed it: moved to where the aircraft was when the controller engaged, if
+    it was.
     """
     rows = np.full((ticks.size, REFERENCE.size), np.nan)
     trajectories = sorted(_followed(bag, limits), key=lambda pair: pair[0])
@@ -214,7 +215,7 @@ class BagFlight:
 
 
 def lost_with_law(plant_sentence: str, node_facts: Iterable[Mapping[str, str]]) -> str:
-    """Why a flight was lost: a law in Python that failed comes before what became of the aircraft.
+    """Why a flight was lost: a failed controller in Python comes before the aircraft's end.
 
     Parameters
     ----------
@@ -424,6 +425,6 @@ def judged_truth(flight: RecordedTruth, folder: Path, rate: Rate) -> tuple[str, 
     if forged or ended or not beyond:
         return forged, ""
     return "", (
-        f"The flight was broken off: whether the last {beyond} messages of ground truth are what "
+        f"The flight was interrupted: whether the last {beyond} messages of ground truth are what "
         "the plant sent is not known."
     )

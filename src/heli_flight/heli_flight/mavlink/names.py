@@ -7,7 +7,7 @@ and pymavlink and MAVProxy know their names where the autopilot is PX4.
 
 Parameters have names of at most 16 characters. All are sent as REAL32, so that no station has to
 know how whole numbers are encoded (https://mavlink.io/en/services/parameter.html). None can be set:
-the laws were built from them when the flight began.
+the controllers were built from them when the flight began.
 """
 
 from collections.abc import Mapping

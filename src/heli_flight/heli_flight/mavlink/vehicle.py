@@ -2,8 +2,8 @@
 """One aircraft as MAVLink meets it: messages in become commands, states become messages out.
 
 No sockets, no wall clock: whoever holds it hears for it (`hear`), has it fly a step of the position
-law (`fly`), and takes what it says (`take`). What follows what is the same table as in every other
-flight (`heli_outer_pd.modes`); armed and OFFBOARD are all that is added here.
+controller (`fly`), and takes what it says (`take`). What follows what is the same table as in every
+other flight (`heli_outer_pd.modes`); armed and OFFBOARD are all that is added here.
 """
 
 import math
@@ -161,7 +161,7 @@ class MavlinkVehicle:
         return self.telemetry.now_ns
 
     def fly(self) -> None:
-        """Fly a step of the position law, and say what is due then."""
+        """Fly a step of the position controller, and say what is due then."""
         self._follow()
         for _ in range(self.flight.loop.period_ticks):
             if self.lost:

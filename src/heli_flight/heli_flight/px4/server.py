@@ -275,7 +275,7 @@ def line(session: Px4Session, pace: float) -> str:
     told = flight.physics.told
     _, qx, qy, _ = told[REPLY.quat]
     tilt = np.degrees(np.arccos(np.clip(1.0 - 2.0 * (qx * qx + qy * qy), -1.0, 1.0)))
-    servos = " ".join(f"{value:+.2f}" for value in session.servos[:5])
+    servos = " ".join(f"{value:+.2f}" for value in session.servos[USED])
     return (
         f"{flight.flown_s:.1f} s  {'armed' if session.armed else 'disarmed'}  height "
         f"{-told[REPLY.pos][2]:.2f} m  tilt {tilt:.1f} deg  outputs {servos}  answers "

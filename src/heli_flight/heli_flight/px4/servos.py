@@ -25,8 +25,9 @@ ANGLES_DEG = (0.0, 120.0, 240.0)
 ARM = 0.5
 """Length of their arms: all of a cyclic and all of the collective together are a servo's travel."""
 _COLLECTIVE = 0.5
-MOTOR, TAIL, SWASH = 0, 1, slice(2, 5)
-"""Places in HIL_ACTUATOR_CONTROLS: main motor, tail servo, the swashplate's."""
+TAIL, SWASH, USED = 1, slice(2, 5), slice(0, 5)
+"""Places in HIL_ACTUATOR_CONTROLS: tail servo, the swashplate's; all, with the main motor's at 0."""
+_SWASH_PULSES, _TAIL_PULSE = slice(0, len(ANGLES_DEG)), len(ANGLES_DEG)
 _MIDDLE_US, _HALF_US = 1500.0, 500.0
 _DEGREE = math.pi / 180.0
 _CURVE = 5
@@ -61,8 +62,8 @@ def servo_numbers(helicopter: HelicopterParameters) -> ServoNumbers:
 
 def pulses_of(servos: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """Pulses (4,), us, swashplate and tail, of HIL_ACTUATOR_CONTROLS' places (16,) in -1..1."""
-    out[:3] = _MIDDLE_US + _HALF_US * servos[SWASH]
-    out[3] = _MIDDLE_US + _HALF_US * servos[TAIL]
+    out[_SWASH_PULSES] = _MIDDLE_US + _HALF_US * servos[SWASH]
+    out[_TAIL_PULSE] = _MIDDLE_US + _HALF_US * servos[TAIL]
 
 
 def px4_parameters(

@@ -44,7 +44,7 @@ MULTICOPTER = (
 SLOW = "PX4 has not answered a HIL_SENSOR; the next one is sent: is IMU_GYRO_RATEMAX below --rate?"
 
 
-class Refused(Enum):
+class AnswerRefused(Enum):
     """Why a message or some bytes bring nothing about."""
 
     MALFORMED = "bytes that are no message, or whose checksum is wrong"
@@ -72,7 +72,7 @@ class Px4Flight:
         Steps that PX4's answers have made.
     unanswered : int
         Steps that were made without one: while PX4 starts, or where it has missed one.
-    refused : Counter of Refused
+    refused : Counter of AnswerRefused
     notes : list of str
         What the reader should know, each said once.
     """
@@ -84,7 +84,7 @@ class Px4Flight:
     heard: bool = False
     answers: int = 0
     unanswered: int = 0
-    refused: Counter[Refused] = field(default_factory=Counter)
+    refused: Counter[AnswerRefused] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -161,11 +161,11 @@ class Px4Session:
     def _take(self, message: Any) -> bytes:
         kind = message.get_type()
         if kind == "BAD_DATA":
-            self._refuse(Refused.MALFORMED)
+            self._refuse(AnswerRefused.MALFORMED)
         elif kind.startswith("UNKNOWN"):
-            self._refuse(Refused.UNKNOWN)
+            self._refuse(AnswerRefused.UNKNOWN)
         elif not self._is_ours(message):
-            self._refuse(Refused.SYSTEM)
+            self._refuse(AnswerRefused.SYSTEM)
         elif kind == "HIL_ACTUATOR_CONTROLS":
             return self._answered(message)
         elif kind == "COMMAND_LONG":
@@ -190,13 +190,13 @@ class Px4Session:
 
     def _answered(self, m: Any) -> bytes:
         if not m.flags & _LOCKSTEP:
-            self._refuse(Refused.LOCKSTEP)
+            self._refuse(AnswerRefused.LOCKSTEP)
             self._tell("lockstep", NO_LOCKSTEP)
             return b""
         now_us = self._telemetry.time_us()
         if m.time_usec not in (now_us, now_us - self._telemetry.first_us):
             is_old = m.time_usec < now_us
-            self._refuse(Refused.OLD if is_old else Refused.CLOCK)
+            self._refuse(AnswerRefused.OLD if is_old else AnswerRefused.CLOCK)
             self.flight.heard |= is_old
             return b""
         if self.done:
@@ -254,7 +254,7 @@ class Px4Session:
             self._writer.seq = (self._writer.seq + 1) % 256
         return out
 
-    def _refuse(self, cause: Refused) -> None:
+    def _refuse(self, cause: AnswerRefused) -> None:
         self.flight.refused[cause] += 1
 
     def _tell(self, what: str, sentence: str) -> None:

@@ -319,7 +319,7 @@ def _scored_reach(report: Report, record: FlightRecord) -> float:
 
 
 def _attitude_bound(report: Report, key: str, law: str, time_s: np.ndarray) -> list[Trace]:
-    """Of the paper's test the law's own figure; else what bounds the flight, if anything does."""
+    """The controller's own figure for the paper's test; else the flight's bound, if it has one."""
     metric = report.metric(key)
     if not metric.bounded:
         return []
@@ -546,7 +546,7 @@ class DesignNumbers:
     ----------
     controller : str
     bound : Bound or None
-        That of the law that flew; None for a law that is designed without one.
+        That of the controller that flew; None for a controller that is designed without one.
     loops : sequence of LoopReport
         As flown: sampled, with servos and delay; before it, for state feedback: every state known,
         and with the observer (19).
@@ -555,7 +555,7 @@ class DesignNumbers:
     wind_to_h, wind_to_u : sequence of (m, 3) ndarray
         Singular values of each loop from wind (m/s).
     rate_hz : int
-        At which the law steps.
+        At which the controller steps.
     axes : sequence of AxisNumbers
         Roll, pitch, yaw of the loop as flown; empty for an unstable one.
     position : sequence of LoopNumbers
@@ -574,7 +574,7 @@ class DesignNumbers:
 
 
 def flown_design(settings: Settings) -> DesignNumbers | None:
-    """Analyse the inner loop of a flight; None for a law whose linear form is not known.
+    """Analyse the inner loop of a flight; None for a controller whose linear form is not known.
 
     Raises
     ------
@@ -674,7 +674,7 @@ def _axes(loop: Loop) -> list[AxisNumbers]:
 
 
 def _bound(config: AttitudeConfig) -> Bound | None:
-    """The bound below which the law was synthesised."""
+    """The bound below which the controller was synthesised."""
     if config.output is not None:
         return Bound(
             config.output.gamma,

@@ -405,7 +405,7 @@ class Report:
 
     @property
     def controller(self) -> str:
-        """The attitude law that flew: one of `CONTROLLERS`, of one's own, or ArduPilot's."""
+        """The attitude controller that flew: one of `CONTROLLERS`, one's own, or an autopilot's."""
         if self.settings.mode in AUTOPILOTS:
             return laws_words(self.settings)
         law = own_laws(self.settings).get(INNER, "")

@@ -82,7 +82,7 @@ class Difference:
     name : str
         Section and key; of a longer array with the entry's index, row by row, from 0.
     packaged : str
-        What the package has for these flights' scenarios, receivers, worlds and laws.
+        What the package has for these flights' scenarios, receivers, worlds and control preset.
     values : sequence of str
         One per flight.
     """
@@ -260,7 +260,7 @@ def _parameters(flights: Sequence[Named]) -> list[Difference]:
 
 
 def _identity(flight: RecordedFlight) -> dict[str, str]:
-    """Scenario, receiver, world, laws, mode, seed, controller, length, sources: as text."""
+    """Scenario, receiver, world, preset, mode, seed, controller, length, sources: as text."""
     facts = identity(flight.settings, ())
     number, blank, more = flight.commit.partition(" ")
     commit = f"{number[:_COMMIT_DIGITS]}{blank}{more}" or "not recorded"
@@ -610,7 +610,7 @@ def _parameter_table(comparison: FlightDiff) -> ReportTable:
     ]
     caption = (
         "Parameters that are not the same in all flights; packaged: of their scenario, receiver, "
-        "world and laws. Entries of arrays are counted from 0."
+        "world and control preset. Entries of arrays are counted from 0."
     )
     return ReportTable(
         ["parameter", "packaged default", *comparison.names], rows, caption, words=True

@@ -109,7 +109,7 @@ def render(
     report : Report
     charts : sequence of Chart
     design : DesignNumbers, optional
-        None if the flown law has no such analysis.
+        None if the flown controller has no such analysis.
     spectra : FlightSpectra, optional
         None if there are none.
     files : bool
@@ -205,8 +205,8 @@ def _facts(report: Report) -> list[tuple[str, str]]:
         ("Scenario", settings.scenario_name),
         ("World", Path(settings.world).stem),
         ("Flown", f"{report.result.flown_s:.2f} s, {report.how}"),
-        ("Laws", laws_words(settings)),
-        ("Attitude law", LAWS.get(report.controller, report.controller)),
+        ("Control preset", laws_words(settings)),
+        ("Attitude controller", LAWS.get(report.controller, report.controller)),
         ("Wind", f"{mean_wind(plant)}, {more}"),
         ("GPS", settings.gps),
         ("Seed", "not recorded" if report.assumed else str(settings.seed)),

@@ -270,7 +270,8 @@ def _attitude_rows(report: Report, stretch: str) -> tuple[list[str], list[list[s
     for law, figures, lost in flights:
         bound, source = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])
         for metric in metrics if figures.of(stretch) else ():
-            # Each law beside its own figure in the paper's test; else beside what bounds them all.
+            # Each controller beside its own figure in the paper's test; else beside what bounds
+            # them all.
             is_papers = metric.bounded and metric.source not in (GOAL, OWN)
             least = bound if is_papers else _bound(metric)
             cells = [_scored(figures, stretch, metric.key, s, least) for s in SOURCES]
@@ -342,7 +343,7 @@ def margin_table(design: DesignNumbers) -> ReportTable:
     if bound is not None:
         gamma_note = f"γ = {bound.gamma:.4f}, infimum γ* = {bound.gamma_star:.4f} ({bound.of})."
     caption = (
-        f"Attitude law: {LAWS.get(design.controller, design.controller)}. {gamma_note} "
+        f"Attitude controller: {LAWS.get(design.controller, design.controller)}. {gamma_note} "
         f"As flown: sampled at {design.rate_hz} Hz, with servos and transport delay."
     )
     return ReportTable(head, rows, caption)
@@ -443,6 +444,6 @@ def scope(plant: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
         on = any(_is_on(plant[key]) for key in keys)
         (holds if on else lacks).append(sentence)
     rate = f"{Rate.of_parameters(plant).hz} Hz"
-    loop = f"The loop as it would fly: observer at {rate}, attitude law at {rate}, "
-    loop += "position law at 25 Hz."
+    loop = f"The loop as it would fly: observer at {rate}, attitude controller at {rate}, "
+    loop += "position controller at 25 Hz."
     return {"Simulated": (*_ALWAYS, loop, *holds), "Not simulated": (*lacks, *_NEVER)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""mu-synthesis by D-K iteration: one law for every plant of a set.
+"""mu-synthesis by D-K iteration: one controller for every plant of a set.
 
 In turn, until the peak of mu falls no more: the scalings D(omega) that bound mu of the closed loop,
 a fit of their moduli by systems of fixed order, and the central H-infinity controller of the plant
@@ -55,7 +55,7 @@ class MuLaw:
 
 
 def dk_iteration(plant: GeneralisedPlant, orders: Sequence[int], angles: Matrix) -> MuLaw:
-    """The law of the least peak of mu that alternating finds.
+    """The controller of the least peak of mu that alternating finds.
 
     Parameters
     ----------
@@ -70,7 +70,8 @@ def dk_iteration(plant: GeneralisedPlant, orders: Sequence[int], angles: Matrix)
     Raises
     ------
     RobustError
-        NOT_CONVERGED: there is no law for the nominal plant, or mu of the best one is not finite.
+        NOT_CONVERGED: there is no controller for the nominal plant, or mu of the best one is not
+        finite.
     """
     scalings = [_constant(1.0)] * len(orders)
     best: CentralController | None = None
@@ -85,7 +86,8 @@ def dk_iteration(plant: GeneralisedPlant, orders: Sequence[int], angles: Matrix)
             if best is not None:
                 break
             raise RobustError(
-                RobustCause.NOT_CONVERGED, f"D-K iteration: no law for the nominal plant: {exc}"
+                RobustCause.NOT_CONVERGED,
+                f"D-K iteration: no controller for the nominal plant: {exc}",
             ) from exc
         mu, moduli = scaled_mu(response(closed_loop(plant, controller.system), angles), len(orders))
         peak = float(np.max(mu))
@@ -100,13 +102,13 @@ def dk_iteration(plant: GeneralisedPlant, orders: Sequence[int], angles: Matrix)
         scalings = [_fitted(moduli[:, i], angles, n) for i, n in enumerate(orders)]
     if best is None:
         raise RobustError(
-            RobustCause.NOT_CONVERGED, "D-K iteration: mu of the first law is not finite"
+            RobustCause.NOT_CONVERGED, "D-K iteration: mu of the first controller is not finite"
         )
     return MuLaw(best, tuple(peaks))
 
 
 def closed_loop(plant: GeneralisedPlant, law: System) -> System:
-    """w -> z with the law; states of the plant, then of the law. The plant's D22 has to be zero."""
+    """w -> z with the controller; states of plant, then controller. The plant's D22 must be 0."""
     A, B, C, D = plant.system
     w, z = B.shape[1] - plant.n_u, C.shape[0] - plant.n_y
     B2, C2, D12, D21 = B[:, w:], C[z:], D[:z, w:], D[z:, :w]

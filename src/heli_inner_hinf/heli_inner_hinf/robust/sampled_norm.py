@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""H-infinity norm between the samples: continuous disturbance to continuous error, law sampled.
+"""H-infinity norm between samples: continuous disturbance to error, controller sampled.
 
 The lifted system (Bamieh, Pearson, *IEEE Trans. Autom. Control* 37, 1992) takes a whole tick of
 wind and gives a whole tick of error. For one level gamma its test is that of a discrete system of
@@ -115,7 +115,7 @@ class _LevelReachedError(Exception):
 
 
 class _Lifted:
-    """The closed loop over one tick; its state is (x, the law's, u(k-1), u(k-2), ...)."""
+    """The closed loop over one tick; its state is (x, the controller's, u(k-1), u(k-2), ...)."""
 
     def __init__(self, plant: HeldPlant, law: SampledLaw) -> None:
         n, m = plant.B.shape

@@ -624,7 +624,7 @@ def _facts(campaign: CampaignFolder) -> list[tuple[str, str]]:
     return [
         ("Scenario", f"{flown['scenario']}, {flown['duration_s']:g} s"),
         ("World", Path(flown["world"]).stem),
-        ("Laws", Path(flown["laws"]).stem),
+        ("Control preset", Path(flown["laws"]).stem),
         ("GPS", flown["gps"]),
         ("Sampling", flown["sampling"].replace("_", " ")),
         ("Dispersed", f"{len(campaign.about['disperse'])} parameters"),

@@ -247,7 +247,7 @@ class Store:
 
     @classmethod
     def resume(cls, folder: Path, spec: Spec) -> "Store":
-        """The folder of a campaign that was broken off; ParameterError if it is of another."""
+        """The folder of an interrupted campaign; ParameterError if it is of another."""
         about = about_of(folder, "--out ")
         if about["spec"] != spec.identity:
             raise ParameterError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search of attitude laws: over which aircraft, and over which families of laws."""
+"""The search of attitude controllers: over which aircraft and families of controllers."""
 
 from __future__ import annotations
 
@@ -32,17 +32,19 @@ if TYPE_CHECKING:
 
 
 # -------------------------------------------------------------------------------------------------
-# What the attitude laws are searched over: the aircraft of the set, and the families of laws.
+# What the attitude controllers are searched over: the aircraft of the set, and the families of
+# controllers.
 # -------------------------------------------------------------------------------------------------
 
 _WORTH = 0.01
-"""Share of the cost that moves a weight of the shipped law."""
+"""Share of the cost that moves a weight of the shipped controller."""
 
 
 class Member(NamedTuple):
     """An aircraft of the set: factors of the nominal one's values, and ticks of delay.
 
-    Of the corners of the box of +-30 % and 0 to 3 ticks those at which laws come to an end first.
+    Of the corners of the box of +-30 % and 0 to 3 ticks those at which controllers come to an end
+    first.
     """
 
     name: str
@@ -84,7 +86,7 @@ EDGES = (
     *(Member("quick, heavy", (0.7, 0.7, 0.7), 1.3, 0.7, 1.3, ticks, mass=1.3) for ticks in (0, 1)),
     *(Member("late, heavy", (0.7, 0.7, 1.3), 1.3, 1.3, speed, 3, mass=1.3) for speed in (0.7, 0.8)),
 )  # fmt: skip
-"""Corners of the set of `heli robust` at which laws of the family `hinf_output` end first."""
+"""Corners of the set of `heli robust` at which the family `hinf_output` ends first."""
 
 
 def yardstick(helicopter: HelicopterParameters, actuation: Actuation) -> LawBenchmark:
@@ -107,7 +109,7 @@ def beyond_the_box(
 ) -> LawBenchmark:
     """The same with a floor of `hinf_output` alone: stable with `EDGES`, 12 % beyond the box.
 
-    So that the law of default is proved with some room; others are not held to it. Raises as
+    So that the controller of default is proved with some room; others are not held to it. Raises as
     `yardstick`.
     """
     stretched = (one.stretched(_BEYOND) for one in EDGES)
@@ -146,7 +148,7 @@ def searched_output(inner: Mapping[str, Any], measure: LawBenchmark) -> dict[str
     Raises
     ------
     NoLawError
-        No law near the present one keeps the floors.
+        No controller near the present one keeps the floors.
     """
     numbers = measure.best(output_family(inner), (1,), pairs=False, better=_WORTH)
     weights = output_weights(numbers, float(inner["output.command_effort"]))._asdict()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a design for a published linear aircraft is made from: `heli design --aircraft blade360`.
 
-A, B, E, trim and delay are the file's. Its collective is told to the position law as that of a
-rotor whose thrust rises with it as the aircraft's does: K_col is solved for.
+A, B, E, trim and delay are the file's. Its collective is told to the position controller as that of
+a rotor whose thrust rises with it as the aircraft's does: K_col is solved for.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from heli_inner_hinf.controller_state import Actuation
 from heli_outer_pd.state import RotorMap, blade_pitch
 
 _MOST_DELAY_TICKS = 2
-"""What the observer's inbox holds; the rest of a delay is told to the law as lag of its servos."""
+"""What the observer's inbox holds; the rest of a delay counts as lag of the servos."""
 _DAMPING = 0.7
 _FASTEST_SERVO_RADPS = 300.0
 _AIR_KGPM3, _LIFT_SLOPE, _SOLIDITY = 1.225, 5.5, 0.05
@@ -85,7 +85,7 @@ def refuse_unphysical(plant: Mapping[str, Any]) -> None:
 
 
 def known_actuation(aircraft: LinearAircraft, delay_ticks: int) -> Actuation:
-    """What a law knows of servos and delay: at most two ticks, the rest as lag of the servos."""
+    """A controller's model of servos and delay: at most two ticks, the rest as servo lag."""
     delay_s = delay_ticks * TICK_S + aircraft.delay_s
     ticks = min(int(delay_s / TICK_S + 1e-9), _MOST_DELAY_TICKS)
     if aircraft.servo is not None and delay_s <= _MOST_DELAY_TICKS * TICK_S:
@@ -125,7 +125,7 @@ def linear_basis(name: str, plant: Mapping[str, Any]) -> LinearBasis:
 
 
 def _outer(aircraft: LinearAircraft) -> dict[str, Any]:
-    """Parameters of the position law: mass, gravity and a thrust map of the aircraft's slope."""
+    """Parameters of the position controller: mass, gravity, a thrust map of this slope."""
     radius, blades = aircraft.rotor_radius_m, max(round(aircraft.rotor_blades), 2)
     chord = _SOLIDITY * np.pi * radius / blades
     weight_n = aircraft.mass_kg * aircraft.gravity_mps2

@@ -90,7 +90,7 @@ def bound_of(
     -------
     dict
         Parameters of the inner loop by name. The packaged `output.gamma` is raised for an aircraft
-        that has no law below it; one that was asked for is not.
+        that has no controller below it; one that was asked for is not.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _output_plant(inner: Mapping[str, Any], actuation: Actuation) -> Generalised
 
 
 def _output_gamma(inner: Mapping[str, Any], actuation: Actuation) -> float:
-    """`output.gamma`; for an aircraft that has no law below the packaged one a bound above it."""
+    """`output.gamma`; if an aircraft has no controller below the packaged one, a bound above."""
     gamma = float(inner["output.gamma"])
     if gamma != resolve().nodes["inner_loop"]["output.gamma"]:
         return gamma
@@ -147,8 +147,8 @@ def _output_gamma(inner: Mapping[str, Any], actuation: Actuation) -> float:
 # -------------------------------------------------------------------------------------------------
 # The norm wind -> h of the attitude loop as flown, between its samples as well.
 #
-# The wind blows and h of eq. (11) is counted at every instant, the law acts a hundred times a
-# second.
+# The wind blows and h of eq. (11) is counted at every instant, the controller acts a hundred times
+# a second.
 # -------------------------------------------------------------------------------------------------
 
 _FAST_SERVO = Actuation(1000.0, 1.0, 0.0)
@@ -156,7 +156,7 @@ _FAST_SERVO = Actuation(1000.0, 1.0, 0.0)
 
 
 def norm_between_samples(model: Model, actuation: Actuation, flown: Loop) -> SampledNorm:
-    """The norm from wind u v w (m/s) to h (9), enclosed; the law is that of the loop as flown.
+    """The norm from wind u v w (m/s) to h (9), enclosed, with the controller as flown.
 
     Raises
     ------
@@ -452,7 +452,7 @@ def design_of(
     ParameterError, SynthesisError
     """
     actuation = basis.actuation
-    tell("attitude law and its certificate")
+    tell("attitude controller and its certificate")
     inner: dict[str, Any] = {
         **settings.nodes["inner_loop"],
         "model.A": basis.A,
@@ -639,7 +639,7 @@ def differences(design: FinishedDesign, params: Sequence[Path] = ()) -> list[str
         # One number at a time, from what is shipped on.
         optimum = rivals.chosen(controller, rival_nodes, measure, (1,), pairs=False)
         sentences += _parameter_differences(
-            f"laws {controller}: inner_loop", rival_nodes["inner_loop"], optimum
+            f"controllers {controller}: inner_loop", rival_nodes["inner_loop"], optimum
         )
     return sentences
 

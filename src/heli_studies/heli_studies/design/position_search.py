@@ -73,7 +73,7 @@ _LOWEST_RADPS, _FREQUENCIES = 1e-2, 400
 
 @dataclass(frozen=True)
 class CoupledPlant:
-    """x+ = A x + B a over the position law's period; M x: of each axis in turn what the law reads.
+    """x+ = A x + B a over the position controller's period; M x: its inputs, axis by axis.
 
     a (3,) are the commanded accelerations forward, right, down, m/s2; read are position, m, speed,
     m/s, and the acceleration that the tilt explains, m/s2.
@@ -100,7 +100,7 @@ def coupled_plant(
     kernel: OuterParams,
     period_ticks: int,
 ) -> CoupledPlant:
-    """Aircraft in its mean wind, servos, delay and attitude law, from commands to what is held.
+    """Aircraft in mean wind, servos, delay and attitude controller, from commands to outputs.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def coupled_plant(
     explained[:2, NINE.psi] = -against[1], against[0]
     read = [(eye[_POSITION.start + i], eye[_SPEED.start + i], explained[i]) for i in range(_AXES)]
     M = np.concatenate(read)
-    # What is held against the wind turns as the nose does.
+    # What is compared with the wind turns as the nose does.
     power += held @ np.outer([against[1], -against[0], 0.0], eye[NINE.psi])
     return CoupledPlant(power, held, M, period_ticks * attitude.dt)
 
@@ -175,7 +175,7 @@ def common_disk_margin(
 
 
 def _turned(law_: control.StateSpace, bank_rad: float) -> control.StateSpace:
-    """The law behind `controller_state.read_inputs` at a lasting bank beyond trim."""
+    """The controller behind `controller_state.read_inputs` at a lasting bank beyond trim."""
     pitch, heading = (MEASURED.index(i) for i in (NINE.theta, NINE.psi))
     wanted = len(MEASURED) + COMMANDS.index("theta_ref")
     turn = np.eye(law_.ninputs)
@@ -202,7 +202,7 @@ def _tilt_per_mps2(acceleration: Matrix, kernel: OuterParams) -> Matrix:
 
 
 def _collective_per_weight(kernel: OuterParams) -> float:
-    """What the law's thrust map makes of a thrust, in units of the weight, at trim."""
+    """What the controller's thrust map makes of a thrust, in units of the weight, at trim."""
     k, step = kernel, 1e-4
     weight, tilt = k.mass * k.g, np.cos(k.trim[SETPOINT.phi]) * np.cos(k.trim[SETPOINT.theta])
     d_col = k.trim[SETPOINT.col]
@@ -303,7 +303,7 @@ class PositionLoop:
     ) -> list[tuple[float, ...]]:
         """From each axis' own gains to such as keep the floors in banked flight, too.
 
-        There the axes meet: a pitch turns the nose, and the nose what is held against the wind.
+        There the axes meet: a pitch turns the nose, and the nose what is compared with the wind.
         """
         down = tuple(alone[-1])
 

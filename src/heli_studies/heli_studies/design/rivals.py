@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude laws that others are held against, as families of the same search.
+"""The attitude controllers that others are compared with, as families of the same search.
 
 Their numbers are parameters of the inner loop, so that whoever chooses a controller flies what the
-search found for it; only those of LQR, whose weights there are H-infinity's, stand in the laws
-`lqr`. PID and INDI are not held to the floors at the corners of the set: kept to these they fly
-worse than without, and no baseline is detuned. Nor is their heading searched for: the cost weighs
-it little, and the search would give it away.
+search found for it; only those of LQR, whose weights there are H-infinity's, stand in the
+controllers `lqr`. PID and INDI are not held to the floors at the corners of the set: kept to these
+they fly worse than without, and no baseline is detuned. Nor is their heading searched for: the cost
+weighs it little, and the search would give it away.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -41,14 +41,14 @@ _INDI = tuple(f"indi.{gain}" for gain in IndiGains._fields)
 _LQG = ("lqg.effort", "lqg.integral", "lqg.load", "lqg.noise")
 _LQR = ("C11", "C22", "D11", "offset_free_radps")
 KEYS = {"pid": _PID, "indi": _INDI, "lqg": _LQG, "lqr": _LQR}
-"""By controller, and file of laws, the parameters of the inner loop that the search chooses."""
+"""By controller, and control preset, the parameters of the inner loop that the search chooses."""
 KEPT = -1
 PID_FLOOR = 0.45
 """Disk margin that the PID keeps: with that of the others it would be slower than by its rule."""
 
 
 class _Shape(NamedTuple):
-    """How a law's parameters are made of positive numbers.
+    """How a controller's parameters are made of positive numbers.
 
     By parameter: which number each of its values is (`KEPT`: none, it stays), its sign, and what
     stands there now.
@@ -112,7 +112,7 @@ def _lqr_places() -> dict[str, NDArray[np.int64]]:
 def _maker(
     config: AttitudeConfig, controller: str, observer: Mapping[str, Any]
 ) -> Callable[[Mapping[str, Any]], OutputLaw]:
-    """The law of the controller's parameters."""
+    """The controller of the controller's parameters."""
     if controller == "pid":
         return lambda p: pid_as_output_law(*(p[key] for key in _PID))
     if controller == "indi":
@@ -175,23 +175,23 @@ def chosen(
     ----------
     controller : str
     nodes : mapping
-        Parameters of inner loop and observer as the laws of the controller's name fly them.
+        Parameters of inner loop and observer as the controllers of the controller's name fly them.
     common : Yardstick
-        What all laws are measured by.
+        What all controllers are measured by.
     strides, pairs
         As of `heli_core.search.search`.
 
     Raises
     ------
     NoLawError
-        No law of the family keeps the floors.
+        No controller of the family keeps the floors.
     """
     optimum = measure_of(controller, common).best(family(controller, nodes), strides, pairs)
     return _shape(controller, nodes["inner_loop"]).parameters(optimum)
 
 
 # -------------------------------------------------------------------------------------------------
-# The mu law: output feedback for every aircraft of a set, by D-K iteration.
+# The mu controller: output feedback for every aircraft of a set, by D-K iteration.
 #
 # The set, about the loop as flown: K_beta over inertia of roll and of pitch, the flapping's rate,
 # the
@@ -228,7 +228,7 @@ class MuWeights:
     wind_mps : float
         Wind of modulus one.
     load : float
-        Load in the place of each actuator.
+        Load in place of each actuator.
     noise : tuple of 6 float
         phi, theta, p, q, r, psi, rad and rad/s.
     attitude : tuple of 3 float
@@ -256,13 +256,13 @@ class MuWeights:
 _ANGLES = np.geomspace(1e-4, 3.0, 60)
 """Where mu is looked at: 0.01 to 300 rad/s."""
 _MOST_LOSS = 0.01
-"""By this share at most mu may grow when the law is reduced."""
+"""By this share at most mu may grow when the controller is reduced."""
 _FORGETTING_RADPS = 0.002
 """The integrals forget so slowly: a lasting error is reduced to a thousandth, not to nothing."""
 
 
 class MuDesign(NamedTuple):
-    """The law with what is proved of it.
+    """The controller with what is proved of it.
 
     Attributes
     ----------
@@ -270,11 +270,12 @@ class MuDesign(NamedTuple):
     peaks : tuple of float
         Largest bound of mu, round by round of the D-K iteration.
     full_order : int
-        Of the law before it was reduced.
+        Of the controller before it was reduced.
     mu : float
-        Of the reduced law: performance and set are kept to 1 / mu of their sizes.
+        Of the reduced controller: performance and set are kept to 1 / mu of their sizes.
     mu_stability : float
-        Of the reduced law for the set alone: every member up to 1 / mu_stability of it is stable.
+        Of the reduced controller for the set alone: every member up to 1 / mu_stability of it is
+        stable.
     """
 
     law: OutputLaw
@@ -285,12 +286,12 @@ class MuDesign(NamedTuple):
 
 
 def mu_design(config: AttitudeConfig, weights: MuWeights) -> MuDesign:
-    """The reduced law of an aircraft's attitude loop.
+    """The reduced controller of an aircraft's attitude loop.
 
     Raises
     ------
     RobustError
-        NOT_CONVERGED: no law for the nominal aircraft, or none that may be reduced.
+        NOT_CONVERGED: no controller for the nominal aircraft, or none that may be reduced.
     """
     plant = mu_plant(config.A, config.B, config.E, config.actuation, weights)
     synthesis = dk_iteration(plant, (1,) * SCALARS, _ANGLES)
@@ -298,7 +299,7 @@ def mu_design(config: AttitudeConfig, weights: MuWeights) -> MuDesign:
     _, W, V = balancing(full)
 
     def answer(order: int) -> np.ndarray | None:
-        """Response of the closed loop with the law of an order, if it is stable."""
+        """Response of the closed loop with the controller of an order, if it is stable."""
         closed = closed_loop(plant, truncated(full, W, V, order))
         stable = np.max(np.abs(np.linalg.eigvals(closed.A))) < 1.0
         return response(closed, _ANGLES) if stable else None
@@ -312,7 +313,7 @@ def mu_design(config: AttitudeConfig, weights: MuWeights) -> MuDesign:
     if M is None or order > MAX_ORDER:
         raise RobustError(
             RobustCause.NOT_CONVERGED,
-            f"D-K iteration: a law of {MAX_ORDER} states, the most that fly, loses more than "
+            f"D-K iteration: a controller of {MAX_ORDER} states, the most allowed, loses more than "
             f"{_MOST_LOSS:.0%} of mu = {synthesis.peak:.3g}",
         )
     stability = float(np.max(scaled_mu(M[:, :SCALARS, :SCALARS], SCALARS)[0]))
@@ -323,7 +324,7 @@ def mu_design(config: AttitudeConfig, weights: MuWeights) -> MuDesign:
 
 
 def _flown(config: AttitudeConfig, law: System) -> System:
-    """u -> h of the loop as flown: states of the plant, then of the law; h of eq. (11)."""
+    """u -> h of the loop as flown: states of the plant, then of the controller; h of eq. (11)."""
     A, B = flown_plant(config.A, config.B, config.actuation)
     y = np.eye(A.shape[0])[list(MEASURED)]
     h = np.hstack([config.C, np.zeros((N_H, A.shape[0] - N_X))])
