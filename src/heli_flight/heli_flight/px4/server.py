@@ -24,7 +24,7 @@ from heli_flight.ardupilot.recording import FlightFacts, FlightFolder
 from heli_flight.ardupilot.server import COMPILES, HOST, helicopter_of, plant_alone, written
 from heli_flight.fly import FinishedFlight, free_name
 from heli_flight.layers import PX4
-from heli_flight.px4.servos import px4_parameters, servo_numbers
+from heli_flight.px4.servos import USED, px4_parameters, servo_numbers
 from heli_flight.px4.session import MOST_BYTES, Px4Flight, Px4Session
 from heli_flight.px4.telemetry import SensorTelemetry
 from heli_flight.settings import Settings
