@@ -24,6 +24,7 @@ ALWAYS = ("__*__", *(f"on_{name}" for name in TRANSITIONS))
 """What Python itself reads, and the transitions that rclpy calls."""
 CALLED_BY_OTHERS = {
     "generate_launch_description": "by launch",
+    "format_commands": "by click, for the help of a group",
     "user_law": "by whoever copies law_template",
     "signum": "of a signal handler's arguments, which Python gives",
     **dict.fromkeys(("_type_of_vector", "_type_of_matrix", "_on_stack", "_ByReferenceModel",

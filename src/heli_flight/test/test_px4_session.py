@@ -22,9 +22,9 @@ from heli_flight.px4.session import (  # noqa: E402
     MULTICOPTER,
     NO_LOCKSTEP,
     SLOW,
+    AnswerRefused,
     Px4Flight,
     Px4Session,
-    AnswerRefused,
 )
 from heli_flight.px4.telemetry import SensorTelemetry  # noqa: E402
 from support.px4_peer import ACCEL, BARO, GYRO, MAG, Px4Peer, mixed  # noqa: E402

@@ -26,7 +26,7 @@ ARM = 0.5
 """Length of their arms: all of a cyclic and all of the collective together are a servo's travel."""
 _COLLECTIVE = 0.5
 TAIL, SWASH, USED = 1, slice(2, 5), slice(0, 5)
-"""Places in HIL_ACTUATOR_CONTROLS: tail servo, the swashplate's; all, with the main motor's at 0."""
+"""Places in HIL_ACTUATOR_CONTROLS: tail servo, the swashplate's; all, the main motor's first."""
 _SWASH_PULSES, _TAIL_PULSE = slice(0, len(ANGLES_DEG)), len(ANGLES_DEG)
 _MIDDLE_US, _HALF_US = 1500.0, 500.0
 _DEGREE = math.pi / 180.0
