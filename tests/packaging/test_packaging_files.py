@@ -40,6 +40,7 @@ SHORT = {
     "heli_core.version": "of the command, of Python and of what is recorded",
     "heli_inner_hinf.controller_template": "is copied",
     "heli_msgs_bridge.message_size": "of nodes, and of bags where no ROS is",
+    "heli_studies.identify_methods": "of the command, which names a method, and of what it runs",
 }
 """Modules of less than that, and why each is one of its own."""
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}
