@@ -42,6 +42,7 @@ SHORT = {
     "heli_flight.cli.sections": "of the group of commands, and of the site's reference",
     "heli_inner_hinf.controller_template": "is copied",
     "heli_msgs_bridge.message_size": "of nodes, and of bags where no ROS is",
+    "heli_studies.identify_methods": "of the command, which names a method, and of what it runs",
 }
 """Modules of less than that, and why each is one of its own."""
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}

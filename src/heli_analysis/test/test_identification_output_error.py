@@ -6,15 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_analysis.identification import AperiodicRecord, IdentificationCause, IdentificationError
+from heli_analysis.identification import (
+    AperiodicRecord,
+    IdentificationCause,
+    IdentificationError,
+    fit_actuators,
+)
 from heli_analysis.identification.model import assemble, transfer, values_of
 from heli_analysis.identification.output_error import (
     BAND_HZ,
-    Agreement,
-    Piece,
+    MethodAgreement,
+    RecordPiece,
     fit_output_error,
     pieces_of_experiment,
     pieces_of_record,
+    refine,
     simulate,
 )
 from heli_core.ticks import TICK_S
@@ -45,8 +51,8 @@ def test_a_simulated_sine_has_the_gain_and_phase_of_the_frequency_response():
     vel = still.copy()
     vel[:, 1] = np.sin(omega * t)
     for k, piece in (
-        (0, Piece(u, still, still, still, 0)),
-        (9, Piece(0 * u, still, vel, still, 0)),
+        (0, RecordPiece(u, still, still, still, 0)),
+        (9, RecordPiece(0 * u, still, vel, still, 0)),
     ):
         rates = simulate(model, piece)[2000:]
         basis = np.column_stack([np.sin(omega * t), np.cos(omega * t)])[2000:]
@@ -95,6 +101,19 @@ def test_what_grows_beyond_numbers_and_what_is_too_short_is_named():
 
 
 def test_agreement_counts_both_spreads():
-    assert Agreement("x", 10.0, 0.3, 10.9, 0.4).agrees
-    apart = Agreement("x", -10.0, 0.3, -11.1, 0.4)
+    assert MethodAgreement("x", 10.0, 0.3, 10.9, 0.4, 0.1).agrees
+    apart = MethodAgreement("x", -10.0, 0.3, -11.1, 0.4, 0.1)
     assert not apart.agrees and apart.deviation == pytest.approx(-0.11)
+
+
+@pytest.mark.slow
+def test_both_methods_agree_and_the_second_has_intervals_of_its_own():
+    flight = fly(Flight(seed=1))
+    first = fit_actuators(flight)
+    second, found, rows = refine(flight, first)
+    assert np.mean([row.agrees for row in rows]) > 0.8
+    assert [row.name for row in rows] == list(found.names) == list(second.estimate.names)
+    np.testing.assert_allclose(values_of(MAIN, second.fast), TRUE, rtol=0.05)
+    assert second.A_sigma[2, 5] == found.sigma[found.names.index("A(p,b_s)")]
+    assert second.delay_ticks == first.delay_ticks
+    assert all(row.time_white_sigma < row.time_sigma for row in rows)

@@ -28,7 +28,7 @@ from heli_analysis.identification.actuators import (
     trim_of,
 )
 from heli_analysis.identification.model import AIR, FAST, N_FAST, FastModel
-from heli_analysis.identification.output_error import Agreement, refine
+from heli_analysis.identification.output_error import MethodAgreement, refine
 from heli_analysis.identification.spectra import Experiment, spectra_of
 from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.writer import BagError
@@ -374,7 +374,7 @@ class Identification:
     ab, wind, trim, collective : IdentifiedAB, IdentifiedE, IdentifiedTrim, IdentifiedCollective
     a_priori : Given
     design : FinishedDesign
-    agreement : tuple of Agreement
+    agreement : tuple of MethodAgreement
         Each entry by both methods; empty where only the frequency domain was asked for.
     """
 
@@ -386,7 +386,7 @@ class Identification:
     collective: IdentifiedCollective
     a_priori: IdentificationInputs
     design: FinishedDesign
-    agreement: tuple[Agreement, ...] = ()
+    agreement: tuple[MethodAgreement, ...] = ()
 
 
 def identify(
@@ -435,7 +435,7 @@ def identify(
     mean = wind.E.copy()
     mean[NINE.r, AIR.w] = wind.E_rw["mean"]
     ab = refit_actuators(actuators, ab, mean)
-    agreement: tuple[Agreement, ...] = ()
+    agreement: tuple[MethodAgreement, ...] = ()
     if method is Method.OUTPUT_ERROR:
         ab, _, agreement = refine(actuators, ab)
     trim = trim_of([actuators, gusts], ab)

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from heli_analysis.identification.output_error import Agreement
+from heli_analysis.identification.output_error import MethodAgreement
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.terminal import table
 
@@ -28,20 +28,21 @@ def method_of(name: str) -> Method:
         raise ParameterError(f"--method: {name!r} is not allowed; allowed: {known}") from None
 
 
-def agreement_as_dict(rows: Sequence[Agreement]) -> list[dict[str, Any]]:
+def agreement_as_dict(rows: Sequence[MethodAgreement]) -> list[dict[str, Any]]:
     """For JSON."""
     return [
         {
             "name": row.name,
             "frequency": row.frequency, "frequency_sigma": row.frequency_sigma,
             "time": row.time, "time_sigma": row.time_sigma,
+            "time_white_sigma": row.time_white_sigma,
             "deviation": row.deviation, "agrees": row.agrees,
         }
         for row in rows
     ]  # fmt: skip
 
 
-def print_agreement(rows: Sequence[Agreement], out: Console) -> None:
+def print_agreement(rows: Sequence[MethodAgreement], out: Console) -> None:
     """A table of both methods, and a line that counts."""
     shown = table("Both methods: frequency domain, output error in the time domain; two sigma", out)
     for i, name in enumerate(("", "frequency", "+-", "time", "+-", "apart", "")):

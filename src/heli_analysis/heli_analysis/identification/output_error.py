@@ -28,6 +28,7 @@ from heli_analysis.identification.actuators import IdentifiedAB, refitted
 from heli_analysis.identification.aperiodic import AperiodicRecord, spectra_of_record
 from heli_analysis.identification.estimator import BOUNDS, Problem, summary
 from heli_analysis.identification.model import (
+    AIR,
     DELAY,
     FAST_STATES,
     N_FAST,
@@ -53,7 +54,7 @@ _MOST_GROWTH = 30.0  # log of what a simulation may grow by
 
 
 @dataclass(frozen=True)
-class Piece:
+class RecordPiece:
     """A stretch of a record without a gap, filtered; the first `settled` samples are not judged.
 
     Attributes
@@ -85,8 +86,6 @@ class OutputError:
     model : FastModel
     fit : (3,) array
         Theil's inequality coefficient of p, q, r: 0 perfect, below 0.25 good (Jategaonkar).
-    residual_rms_radps : (3,) array
-        In the band.
     """
 
     names: tuple[str, ...]
@@ -95,7 +94,6 @@ class OutputError:
     white_sigma: Array
     model: FastModel
     fit: Array
-    residual_rms_radps: Array
 
     @property
     def sigma(self) -> Array:
@@ -104,7 +102,7 @@ class OutputError:
 
 
 @dataclass(frozen=True)
-class Agreement:
+class MethodAgreement:
     """An entry by both methods.
 
     Attributes
@@ -112,6 +110,8 @@ class Agreement:
     name : str
     frequency, frequency_sigma : float
     time, time_sigma : float
+    time_white_sigma : float
+        As it would be if the residuals were white.
     """
 
     name: str
@@ -119,6 +119,7 @@ class Agreement:
     frequency_sigma: float
     time: float
     time_sigma: float
+    time_white_sigma: float
 
     @property
     def deviation(self) -> float:
@@ -138,7 +139,7 @@ class Agreement:
 # -------------------------------------------------------------------------------------------------
 
 
-def simulate(model: FastModel, piece: Piece) -> Array:
+def simulate(model: FastModel, piece: RecordPiece) -> Array:
     """Rates p, q, r (N, 3), rad/s, from zero.
 
     Raises
@@ -147,7 +148,7 @@ def simulate(model: FastModel, piece: Piece) -> Array:
         UNSTABLE: the model grows beyond all numbers within the piece.
     """
     F, G = with_servos(model.A, model.B, model.servo_radps, model.servo_damping)
-    E = np.vstack([model.E[:, :3], np.zeros((2 * ACTUATOR.size, 3))])
+    E = np.vstack([model.E[:, AIR.velocity], np.zeros((2 * ACTUATOR.size, 3))])
     Phi, air, _, rise = held_and_linear(F, E, E, TICK_S)
     late = held_late(F, G, TICK_S, model.delay_s)
     fast, n = FAST_STATES, ACTUATOR.size
@@ -193,7 +194,7 @@ def _march(Phi: Array, drive: Array) -> Array:
 # -------------------------------------------------------------------------------------------------
 
 
-def pieces_of_experiment(experiment: Experiment, band_hz: tuple[float, float]) -> list[Piece]:
+def pieces_of_experiment(experiment: Experiment, band_hz: tuple[float, float]) -> list[RecordPiece]:
     """The mean period of an experiment, twice: the model settles in the first."""
     steady = experiment.steady()
     shape = (steady.periods, steady.period_ticks)
@@ -204,7 +205,7 @@ def pieces_of_experiment(experiment: Experiment, band_hz: tuple[float, float]) -
     return [_filtered(signals, band_hz, steady.period_ticks)]
 
 
-def pieces_of_record(record: AperiodicRecord, band_hz: tuple[float, float]) -> list[Piece]:
+def pieces_of_record(record: AperiodicRecord, band_hz: tuple[float, float]) -> list[RecordPiece]:
     """The pieces of a record that are longer than twice what the filter needs to settle."""
     settled = round(_SETTLED_S * TICKS_PER_S)
     still = np.zeros_like(record.vel_body_mps)
@@ -219,10 +220,10 @@ def pieces_of_record(record: AperiodicRecord, band_hz: tuple[float, float]) -> l
     return [_filtered([x[a:b] for x in signals], band_hz, settled) for a, b in long]
 
 
-def _filtered(signals: Sequence[Array], band_hz: tuple[float, float], settled: int) -> Piece:
+def _filtered(signals: Sequence[Array], band_hz: tuple[float, float], settled: int) -> RecordPiece:
     sections = butter(2, band_hz, "bandpass", fs=TICKS_PER_S, output="sos")
     u, gust, vel, rate = (sosfilt(sections, x - x[:1], axis=0) for x in signals)
-    return Piece(u, gust, vel, rate, settled)
+    return RecordPiece(u, gust, vel, rate, settled)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -231,13 +232,13 @@ def _filtered(signals: Sequence[Array], band_hz: tuple[float, float], settled: i
 
 
 def fit_output_error(
-    pieces: Sequence[Piece], start: FastModel, names: Sequence[str]
+    pieces: Sequence[RecordPiece], start: FastModel, names: Sequence[str]
 ) -> OutputError:
     """Move the named entries until the simulated rates lie on the measured ones.
 
     Parameters
     ----------
-    pieces : sequence of Piece
+    pieces : sequence of RecordPiece
     start : FastModel
         From the fit in the frequency domain; what is not named stays as it is there.
     names : sequence of str
@@ -298,7 +299,7 @@ def fit_output_error(
     size = np.sqrt(np.mean(measured**2, axis=0)) + np.sqrt(np.mean((measured - e) ** 2, axis=0))
     return OutputError(
         names, values, covariance, np.sqrt(np.maximum(np.diag(bound), 0.0)),
-        assemble(names, values, start), rms / np.maximum(size, 1e-300), rms,
+        assemble(names, values, start), rms / np.maximum(size, 1e-300),
     )  # fmt: skip
 
 
@@ -339,7 +340,7 @@ def refine(
     measured: Experiment | AperiodicRecord,
     identified: IdentifiedAB,
     band_hz: tuple[float, float] = BAND_HZ,
-) -> tuple[IdentifiedAB, OutputError, tuple[Agreement, ...]]:
+) -> tuple[IdentifiedAB, OutputError, tuple[MethodAgreement, ...]]:
     """A, B, servos by output error from what the frequency domain gave, and how both agree.
 
     Parameters
@@ -354,7 +355,7 @@ def refine(
 
     Returns
     -------
-    (IdentifiedAB, OutputError, tuple of Agreement)
+    (IdentifiedAB, OutputError, tuple of MethodAgreement)
 
     Raises
     ------
@@ -368,11 +369,11 @@ def refine(
     names = tuple(name for name in before.names if name != DELAY)
     found = fit_output_error(pieces, identified.fast, names)
     rows = tuple(
-        Agreement(name, *map(float, four))
-        for name, *four in zip(
+        MethodAgreement(name, *map(float, numbers))
+        for name, *numbers in zip(
             names, values_of(names, identified.fast),
             [identified.sigma.get(n, float("nan")) for n in names], found.values, found.sigma,
-            strict=True,
+            found.white_sigma, strict=True,
         )
     )  # fmt: skip
     problem = Problem([spectra], names, identified.fast, before.distortion)
