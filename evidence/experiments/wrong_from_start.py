@@ -156,8 +156,8 @@ def wrong_from_start(results: Results) -> str:
                      str(row["left"]), told, *figures])  # fmt: skip
     return (
         f"{grid(head, rows)}\n\nFlights each: {len(record['seeds'])}, begun in the air, world "
-        f"{record['world']}, default controllers. Told: states of the observer at any time of any of "
-        "them. Off: largest distance from the same flight with sound sensors, worst; heading: "
+        f"{record['world']}, default controllers. Told: states of the observer at any time of any "
+        "of them. Off: largest distance from the same flight with sound sensors, worst; heading: "
         "error of the estimate, worst; both of flights that are not lost."
     )
 
