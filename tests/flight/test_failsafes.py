@@ -299,3 +299,10 @@ def test_a_sound_flight_raises_no_alarm(seed, gps, world, two):
     assert not flown.pair[PAIR.switches] and flown.pair[PAIR.compared] == 6000 * two
     assert not flown.count[list(DOUBTS)].any()
     assert flown.observer_status is ObserverStatus.OK and flown.record.mode is None
+
+
+@pytest.mark.parametrize("seed", [15, 2007])
+def test_a_gust_does_not_end_a_landing_in_the_air(seed):
+    """Position is astray; in the descent 8 m/s from ahead carry the aircraft for two seconds."""
+    flight = closed_loop.simulate(resolve("attitude_gusts", "standalone", seed, world="honest"))
+    assert flight.status == 0, flight.sentence

@@ -454,6 +454,8 @@ def not_flown(nav: Array, at_limit_s: float, lean_max_rad: float, k: OuterParams
 
 RISES_MPS = 0.3
 """Climbing so fast the skids have left the ground."""
+SINKS_MPS = 0.6
+"""Faster than a landing ends. What sinks so is not on the ground, if its height is measured."""
 _LIFTS = 0.5
 """With more of hover's thrust it is about to lift, or has flown."""
 _NEARLY = 1e-3

@@ -33,6 +33,7 @@ from heli_outer_pd.goto import (
 )
 from heli_outer_pd.manual import (
     RISES_MPS,
+    SINKS_MPS,
     FlightMoment,
     StickFlight,
     TouchDown,
@@ -515,13 +516,19 @@ class Phases:
         return Fact.ARRIVED if self._is_over(now_ns) else None
 
     def _touched_down(self, now_ns: int, nav: Array, out: Array) -> bool:
-        """It has not fallen, though the thrust no longer carries it."""
+        """It has not fallen, though the thrust no longer carries it, and it no longer sinks.
+
+        A gust from ahead carries it, too, for some seconds: then it goes on sinking.
+        """
         k, quick_mps = self.params, 0.0
         if self._reckons and self.trajectory is not None:
             # Fast, it needs less collective for the same thrust: nothing else carries it.
             quick_mps = float(self.trajectory.at(now_ns)[REFERENCE.down_vel])
         share = float(sinking_share(out[SETPOINT.col], quick_mps, k))
-        return self._contact.detects(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
+        v_down_mps = float(nav[NAV.down_vel])
+        unloaded = self._contact.detects(share, v_down_mps, k.g, k.dt_s)
+        altitude_valid = self._state.machine[MACHINE.altitude] == ALTITUDE_VALID
+        return unloaded and not (altitude_valid and v_down_mps > SINKS_MPS)
 
     def _at(self, now_ns: int, nav: Array) -> FlightMoment:
         return FlightMoment(now_ns, self._start_ns, nav, self.params)

@@ -313,6 +313,22 @@ def test_an_updraught_is_no_touch_down():
         assert body.phases.phase == Phase.DESCENDING
 
 
+def test_a_gust_that_carries_it_for_seconds_is_no_touch_down():
+    """Wind from ahead lifts it with 4 m/s2 for two seconds: it goes on sinking, far from ground."""
+    body = Body(on_ground=False, height_m=20.0)
+    body.step()
+    body.ask(Command.LAND)
+    body.until(Phase.DESCENDING)
+    while body.height_m > 15.0:
+        body.step()
+    for _ in range(50):
+        body.up_mps += 4.0 * 0.04
+        body.step()
+        assert body.phases.phase == Phase.DESCENDING
+    body.until(Phase.STANDING)
+    assert body.height_m < 0.1
+
+
 @pytest.mark.parametrize("heading", ["wind", "pose"])
 def test_a_hover_turns_the_nose_into_the_wind_where_that_is_wanted(heading):
     """The air pushes to the west, whatever the heading: the wind comes from the east."""
