@@ -193,7 +193,7 @@ class PairRow(NamedTuple):
 
 
 class YawRow(NamedTuple):
-    """Numbers (14,) of a `YawBank`: what was summed up since the last fix, and what it says."""
+    """Numbers (15,) of a `YawBank`: what was summed up since the last fix, and what it says."""
 
     dv: int = 0  # along both axes of the level frame, m/s
     time: int = 2  # s
@@ -206,11 +206,12 @@ class YawRow(NamedTuple):
     vel: int = 9  # north, east, m/s
     bias: int = 11  # acceleration that stays, along both axes of the level frame, m/s2
     mag_error: int = 13  # heading of the compass less that of the bank when they parted, rad
-    size: int = 14
+    surprise: int = 14  # least normalised innovation squared, mean over the last fixes
+    size: int = 15
 
 
 class YawCountRow(NamedTuple):
-    """Integers (6,) of a `YawBank`."""
+    """Integers (8,) of a `YawBank`."""
 
     begun: int = 0  # 1 once a fix's velocity has come
     refused: int = 1  # fixes in a row that surprised every hypothesis
@@ -218,7 +219,9 @@ class YawCountRow(NamedTuple):
     since: int = 3  # tick since which it disagrees, NO_TICK: it does not
     left: int = 4  # 1 while the compass is not followed
     resets: int = 5  # how often the filter's heading became the bank's
-    size: int = 6
+    agreed: int = 6  # 1 once both headings have agreed
+    biased: int = 7  # 1 if the filter knew of a bias of no sound gyro when they began to disagree
+    size: int = 8
 
 
 class YawState(IntEnum):
@@ -415,8 +418,8 @@ class YawBank(NamedTuple):
     x: NDArray[np.float64]  # (hypotheses, 5) velocity N, E, yaw, acceleration that stays
     P: NDArray[np.float64]  # (hypotheses, 5, 5)
     weight: NDArray[np.float64]  # (hypotheses,) sum 1
-    now: NDArray[np.float64]  # (14,) places of `YAW`
-    count: NDArray[np.int64]  # type: ignore[assignment]  # (6,) places of `YAW_COUNT`
+    now: NDArray[np.float64]  # (15,) places of `YAW`
+    count: NDArray[np.int64]  # type: ignore[assignment]  # (8,) places of `YAW_COUNT`
 
 
 @by_reference

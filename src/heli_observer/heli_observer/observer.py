@@ -83,6 +83,7 @@ from heli_observer.yaw_bank import (
     carry_bank,
     fuse_bank,
     judge_heading,
+    may_take,
     new_bank,
     take_heading,
     take_yaw,
@@ -395,14 +396,15 @@ def _filter_step(state, horizon, tick, k):
 def _watch_heading(state, horizon, tick, row, k):
     """Let the bank of headings see what the ring slot `row` of the horizon holds.
 
-    It changes nothing of the filter, unless their headings have disagreed for long enough.
+    It changes nothing of the filter, unless their headings have disagreed for long enough, and
+    nothing speaks against the bank (`may_take`): then the disagreement is only told.
     """
     imu, bank = state.imu, state.yaw
     if horizon > state.count[L.COUNT.begun]:
         carry_bank(state, imu[(horizon - 1) % imu.shape[0]], imu[horizon % imu.shape[0]], k.ekf)
     if row[L.AID.gps_valid] > 0.0:
         fuse_bank(bank, row[L.AID.gps_vel : L.AID.gps_vel + 3], k.ekf)
-        if judge_heading(state, horizon, k):
+        if judge_heading(state, horizon, k) and may_take(state, horizon, k):
             take_heading(state, horizon, tick, row, k)
     if bank.count[L.YAW_COUNT.left] == 1:
         row[L.AID.mag_valid] = 0.0

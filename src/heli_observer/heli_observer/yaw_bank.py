@@ -57,6 +57,11 @@ LEVELS = 0.2
 GYRO_BIAS = 2.0
 """The filter's gyro bias is believed up to so many of its sigmas at the alignment, each axis: a
 filter with a wrong heading explains it by biases."""
+SURPRISES, MOST_SURPRISE = 0.2, 4.0
+"""Part that the newest fix has in the mean of the least surprise; of a bank whose sensors are sound
+it is below 2, the degrees of freedom, and no heading is taken from one that is above this."""
+SOUND_BIAS = 20.0
+"""No sound gyro's bias is more sigmas at the alignment off; what jumps is."""
 BIAS_MPS2, BIAS_WALK = 0.5, 0.03
 """Acceleration that stays: sigma at the start (0.05 rad of level), m/s2; walk, m/s2/sqrt(s)."""
 FORCE_NOISE = 0.06
@@ -108,6 +113,7 @@ def spread(bank):
     bank.count[YAW_COUNT.since] = L.NO_TICK
     bank.count[YAW_COUNT.state] = _NOT_OBSERVABLE
     bank.now[YAW.variance] = ANY
+    bank.now[YAW.surprise] = 0.0
     _forget_motion(bank)
 
 
@@ -118,7 +124,7 @@ def begin_bank(state):
     quat = state.nominal[L.NOMINAL.quat : L.NOMINAL.quat + 4]
     phi, theta, _ = euler_from_quat(quat)
     fill_from_euler(phi, theta, 0.0, bank.quat)
-    bank.count[YAW_COUNT.left] = 0
+    bank.count[YAW_COUNT.left] = bank.count[YAW_COUNT.agreed] = 0
     spread(bank)
 
 
@@ -330,6 +336,7 @@ def fuse_bank(bank, fix_vel, k):
         least = min(least, nis)
         likely[i] = math.log(weight[i]) - 0.5 * (nis + log_det)
         best = max(best, likely[i])
+    bank.now[YAW.surprise] += SURPRISES * (min(least, 10.0 * GATE) - bank.now[YAW.surprise])
     if not least <= GATE:
         count[YAW_COUNT.refused] += 1
         if not count[YAW_COUNT.refused] < REFUSED:
@@ -378,12 +385,36 @@ def judge_heading(state, horizon, k):
     both = math.sqrt(now[YAW.variance] + state.P[yaw, yaw])
     if abs(now[YAW.difference]) <= max(limits.difference_rad, CERTAIN * both):
         count[YAW_COUNT.state] = _AGREES
+        count[YAW_COUNT.agreed] = 1
         count[YAW_COUNT.since] = L.NO_TICK
         return False
     count[YAW_COUNT.state] = _DISAGREES
     if count[YAW_COUNT.since] == L.NO_TICK:
         count[YAW_COUNT.since] = horizon
+        count[YAW_COUNT.biased] = 0
+        for i in range(3):
+            most = SOUND_BIAS * math.sqrt(k.ekf.var0[L.ERROR.gyro_bias + i])
+            if not abs(state.nominal[L.NOMINAL.gyro_bias + i]) <= most:
+                count[YAW_COUNT.biased] = 1
     return horizon - count[YAW_COUNT.since] >= limits.hold_ticks
+
+
+@njit
+def may_take(state, horizon, k):
+    """Whether a heading that has disagreed for long enough may become the bank's.
+
+    Not if the filter knew of a gyro bias that no sound sensor has when that began: the bank, driven
+    by the same gyros, is astray with it. (Later a wrong heading itself shows as such biases.) Nor,
+    once both headings have agreed, if the compass stays with the filter's: what was right from the
+    start does not turn wrong against both. Nor from a bank that its own fixes surprise.
+    """
+    if state.yaw.count[YAW_COUNT.biased] == 1 or not state.yaw.now[YAW.surprise] <= MOST_SURPRISE:
+        return False
+    if state.yaw.count[YAW_COUNT.agreed] == 0:
+        return True
+    q = scratch(4)
+    fill_attitude(state.yaw, k.ekf.gravity_mps2, q)
+    return abs(_mag_error(state, horizon, q, k)) <= k.yaw.difference_rad
 
 
 @njit
@@ -412,16 +443,25 @@ def take_yaw(state, k):
 
 
 @njit
-def _judge_compass(state, horizon, k):
-    """Leave the compass if its last heading is not that of the filter, which is the bank's."""
-    aid, bank = state.aid, state.yaw
+def _mag_error(state, horizon, quat, k):
+    """By what the compass' last heading is off an attitude (4,), rad; NaN: none was heard."""
+    aid = state.aid
     heard = newest_aid(aid, L.AID.mag_valid, horizon, k.max_gap_ticks)
     if heard == L.NO_TICK:
-        return
+        return math.nan
     mag = aid[heard % aid.shape[0], L.AID.mag : L.AID.mag + 3]
-    quat = state.nominal[L.NOMINAL.quat : L.NOMINAL.quat + 4]
-    bank.now[YAW.mag_error], _ = heading_innovation(quat, mag, k.ekf.field_ned_t)
-    if abs(bank.now[YAW.mag_error]) > k.yaw.difference_rad:
+    error, _ = heading_innovation(quat, mag, k.ekf.field_ned_t)
+    return error
+
+
+@njit
+def _judge_compass(state, horizon, k):
+    """Leave the compass if its last heading is not that of the filter, which is the bank's."""
+    bank = state.yaw
+    error = _mag_error(state, horizon, state.nominal[L.NOMINAL.quat : L.NOMINAL.quat + 4], k)
+    if math.isfinite(error):
+        bank.now[YAW.mag_error] = error
+    if abs(error) > k.yaw.difference_rad:
         bank.count[YAW_COUNT.left] = 1
 
 
