@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws designed for published linear aircraft, flown on them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,10 @@ import heli
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.linear_plant import LinearPlant
 from heli_dynamics_sim.plant import PlantStatus
+from heli_flight.report.charts import flown_design
+from heli_flight.report.spectra import rotor_lines
+from heli_flight.result import random_gusts
+from heli_flight.settings import resolve
 from heli_studies.published import designed, flown, names_of
 
 pytestmark = pytest.mark.slow
@@ -72,3 +78,19 @@ def test_an_unknown_aircraft_is_named():
     with pytest.raises(ParameterError, match="blade360"):
         names_of("blade36")
     assert names_of("all")[0] == "blade360"
+
+
+def test_what_is_written_of_a_flight_needs_no_nonlinear_plant():
+    """In honest gusts are drawn; a report has neither the rotor's lines nor a nominal design."""
+    settings, other = (
+        resolve(
+            "hover", "standalone", 1, world="honest", overrides={"plant": {"linear_model": name}}
+        )
+        for name in ("blade360", "")
+    )
+    assert random_gusts(settings) == random_gusts(other) and flown_design(settings) is None
+    assert (
+        rotor_lines(SimpleNamespace(settings=settings))
+        == []
+        != rotor_lines(SimpleNamespace(settings=other))
+    )

@@ -40,6 +40,7 @@ SHORT = {
     "heli_core.version": "of the command, of Python and of what is recorded",
     "heli_flight.cli.px4": "one command, as each of that folder",
     "heli_flight.cli.sections": "of the group of commands, and of the site's reference",
+    "heli_flight.graph.log_folder": "decided by variables alone, before ROS is there",
     "heli_inner_hinf.controller_template": "is copied",
     "heli_msgs_bridge.message_size": "of nodes, and of bags where no ROS is",
     "heli_studies.identify_methods": "of the command, which names a method, and of what it runs",

@@ -177,7 +177,8 @@ def random_gusts(settings: Settings) -> list[dict[str, Any]]:
     p = settings.nodes["plant"]
     if not p["wind.random_gusts.rate_per_min"]:
         return []
-    k = PlantConfig.from_parameters(p).wind
+    # The air of a linear aircraft is that of any other.
+    k = PlantConfig.from_parameters({**p, "linear_model": ""}).wind
     gusts = draw_gusts(settings.seed, k.random, k.w20_mps, k.towards_rad)
     return [
         {

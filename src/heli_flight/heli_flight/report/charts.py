@@ -583,6 +583,8 @@ def flown_design(settings: Settings) -> DesignNumbers | None:
     """
     if INNER in own_laws(settings) or settings.mode in AUTOPILOTS:
         return None
+    if settings.nodes["plant"]["linear_model"]:
+        return None  # its loop is with `heli design --aircraft`
     # python-control takes seconds to import: not before it is needed
     from heli_inner_hinf import tuning
 

@@ -222,7 +222,7 @@ def rotor_lines(report: Report) -> list[tuple[float, str]]:
     """Frequencies, Hz, at which the rotor shakes the IMU in the simulation, and in words."""
     plant = report.settings.nodes["plant"]
     shaken = [np.any(plant[f"sensors.imu.vibration.{name}"]) for name in _VIBRATION]
-    if not any(shaken):
+    if plant["linear_model"] or not any(shaken):  # a linear aircraft has no rotor that turns
         return []
     aircraft = PlantConfig.from_parameters(plant).helicopter
     turns_hz = aircraft.main_speed_radps / (2.0 * np.pi)

@@ -48,7 +48,7 @@ def design_of_identified(
     gamma_factor: float | None = None,
     controller: str | None = None,
 ) -> FinishedDesign:
-    """Attitude law, observer and PID for an identified model, with certificate and margins.
+    """Controller, observer and PID for an identified model, with certificate and margins.
 
     Parameters
     ----------
