@@ -118,7 +118,7 @@ def keeps_its_offset(state, row, k):
 
 @njit
 def accept_velocity(state):
-    """A velocity was fused: nothing is compared with the receiver."""
+    """A velocity was fused: nothing counts against the receiver any more."""
     state.count[L.COUNT.gps_offset] = 0
     state.count[L.COUNT.gps_grows] = 0
 

@@ -219,7 +219,7 @@ class YawCountRow(NamedTuple):
     since: int = 3  # tick since which it disagrees, NO_TICK: it does not
     left: int = 4  # 1 while the compass is not followed
     resets: int = 5  # how often the filter's heading became the bank's
-    agreed: int = 6  # 1 once both headings have agreed
+    agreed: int = 6  # 1 once both headings have agreed for certain
     biased: int = 7  # 1 if the filter knew of a bias of no sound gyro when they began to disagree
     size: int = 8
 

@@ -385,8 +385,10 @@ def judge_heading(state, horizon, k):
     both = math.sqrt(now[YAW.variance] + state.P[yaw, yaw])
     if abs(now[YAW.difference]) <= max(limits.difference_rad, CERTAIN * both):
         count[YAW_COUNT.state] = _AGREES
-        count[YAW_COUNT.agreed] = 1
         count[YAW_COUNT.since] = L.NO_TICK
+        # Just observable, the bank is too wide to confirm a heading.
+        if CERTAIN * both <= limits.difference_rad:
+            count[YAW_COUNT.agreed] = 1
         return False
     count[YAW_COUNT.state] = _DISAGREES
     if count[YAW_COUNT.since] == L.NO_TICK:

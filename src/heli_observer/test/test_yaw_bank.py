@@ -28,7 +28,7 @@ def heading_error_deg(flight, run):
     return np.degrees(flight.attitude_error(run.out, [last])[0, 2])
 
 
-@pytest.mark.parametrize("degrees", [30.0, -90.0, 180.0])
+@pytest.mark.parametrize("degrees", [15.0, 20.0, 30.0, -90.0, 180.0])
 def test_a_compass_wrong_from_the_start_is_told_and_left(parameters, run_observer, degrees):
     flight = synthesize(MOVES, parameters, 20.0, seed=3)
     run = run_observer(parameters).fly(askew(flight, degrees))
