@@ -6,7 +6,17 @@ from typing import Annotated
 
 import typer
 
-from heli_flight.cli.common import Aircraft, Faults, Params, World, beginning
+from heli_flight.cli.common import (
+    Aircraft,
+    AutopilotDuration,
+    Faults,
+    NewFolder,
+    NoReport,
+    Params,
+    WindSeed,
+    World,
+    beginning,
+)
 
 _PLATES = ("H3_120", "H3_140", "H1")
 _IMU = ("true", "measured")
@@ -27,7 +37,7 @@ def _plates(incomplete: str) -> list[str]:
 def ardupilot(
     aircraft: Aircraft = None,
     world: World = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")] = None,
+    seed: WindSeed = None,
     params: Params = None,
     faults: Faults = None,
     swash: Annotated[
@@ -76,14 +86,9 @@ def ardupilot(
             "its own air, seed and folder",
         ),
     ] = 1,
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="flight time after which it ends (default: 3600)"),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="folder to write; must not exist")
-    ] = None,
-    no_report: Annotated[bool, typer.Option("--no-report", help="write no report.html")] = False,
+    duration: AutopilotDuration = None,
+    out: NewFolder = None,
+    no_report: NoReport = False,
     print_params: Annotated[
         bool,
         typer.Option(

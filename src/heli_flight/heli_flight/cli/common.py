@@ -409,6 +409,17 @@ Duration = Annotated[
         metavar="S", help="length of a flight (default: the parameter file's, else the scenario's)"
     ),
 ]
+WindSeed = Annotated[
+    int | None, typer.Option("--seed", metavar="N", help="seed of wind and sensors")
+]
+AutopilotDuration = Annotated[
+    float | None,
+    typer.Option("--duration", metavar="S", help="flight time after which it ends (default: 3600)"),
+]
+NewFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="folder to write; must not exist")
+]
+NoReport = Annotated[bool, typer.Option("--no-report", help="write no report.html")]
 RecordedScenario = Annotated[
     str | None,
     typer.Option(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from heli_flight.cli.common import Aircraft, Faults, Gps, Params, World, beginning
+from heli_flight.cli.common import Aircraft, Faults, Gps, Params, WindSeed, World, beginning
 
 _AUTOPILOTS = ("generic", "px4")
 
@@ -24,7 +24,7 @@ def mavlink(
     aircraft: Aircraft = None,
     world: World = None,
     gps: Gps = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")] = None,
+    seed: WindSeed = None,
     params: Params = None,
     faults: Faults = None,
     port: Annotated[

@@ -6,7 +6,17 @@ from typing import Annotated
 
 import typer
 
-from heli_flight.cli.common import Aircraft, Faults, Gps, Params, World
+from heli_flight.cli.common import (
+    Aircraft,
+    AutopilotDuration,
+    Faults,
+    Gps,
+    NewFolder,
+    NoReport,
+    Params,
+    WindSeed,
+    World,
+)
 
 EPILOG = (
     "\b\nexample:\n  heli px4 --print-params > helion.params\n"
@@ -20,7 +30,7 @@ def px4(
     aircraft: Aircraft = None,
     world: World = None,
     gps: Gps = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")] = None,
+    seed: WindSeed = None,
     params: Params = None,
     faults: Faults = None,
     rate: Annotated[
@@ -35,14 +45,9 @@ def px4(
             help="TCP port on 127.0.0.1; PX4's instance N looks on 4560 + N; 0: any free one",
         ),
     ] = 4560,
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="flight time after which it ends (default: 3600)"),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="folder to write; must not exist")
-    ] = None,
-    no_report: Annotated[bool, typer.Option("--no-report", help="write no report.html")] = False,
+    duration: AutopilotDuration = None,
+    out: NewFolder = None,
+    no_report: NoReport = False,
     print_params: Annotated[
         bool,
         typer.Option(
