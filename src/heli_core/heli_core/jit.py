@@ -40,6 +40,7 @@ from numba.extending import (
     unbox,
 )
 
+from heli_core import compile_once
 from heli_core.folders import make_private, others_may_replace, temporary_folder
 
 # -------------------------------------------------------------------------------------------------
@@ -58,6 +59,7 @@ _IMPORT = re.compile(
 # `scripts/bench_plant.py`); none changes a bit, as floating point stays in its order.
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(1)  # type: ignore[attr-defined]
+compile_once.install()
 
 
 @cache
