@@ -63,7 +63,9 @@ def identification(identified_once):
     return identified_once[1] / PAGE
 
 
-@pytest.fixture(params=["hover", "attitude", "identification"])
+@pytest.fixture(
+    params=["hover", "attitude", pytest.param("identification", marks=pytest.mark.slow)]
+)
 def any_page(request):
     return request.getfixturevalue(request.param)
 
@@ -164,6 +166,7 @@ def test_charts_offer_no_upload(drawn, any_page):
     assert foreign_requests(page) == [] and page.errors == []
 
 
+@pytest.mark.slow
 def test_bode_charts_have_frequency_ticks(drawn, identification):
     page = drawn(identification)
     shown = page.value(
