@@ -232,3 +232,43 @@ def rigid_body_rates(x, force, moment, k, out):
     out[PLANT.p] = (moment[0] + (k.j_yy - k.j_zz) * q * r) / k.j_xx
     out[PLANT.q] = (moment[1] + (k.j_zz - k.j_xx) * r * p) / k.j_yy
     out[PLANT.r] = (moment[2] + (k.j_xx - k.j_yy) * p * q) / k.j_zz
+
+
+# -------------------------------------------------------------------------------------------------
+# Lever arms: a point r of the rigid body, from the c.g., moves with v + omega x r and is
+# accelerated by omega' x r + omega x (omega x r) more (Groves, Principles of GNSS, Inertial, and
+# Multisensor Integrated Navigation Systems, 2nd ed. 2013, sec. 2.5.5: lever arms).
+# -------------------------------------------------------------------------------------------------
+
+
+class LeverArm(NamedTuple):
+    """Place of a sensor, from the c.g., body FRD, m."""
+
+    on: bool  # whether it is elsewhere than at the c.g.
+    x: float
+    y: float
+    z: float
+
+
+@njit
+def cross(a, b):
+    """The vector product a x b of 3 floats each."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit
+def add_lever_acceleration(rates, angular, arm, force):
+    """Make of the specific force (3,) at the c.g., body, m/s2, that at the end of a lever arm.
+
+    Parameters
+    ----------
+    rates, angular : 3 floats
+        Body rates, rad/s, and their derivatives, rad/s2.
+    arm : LeverArm
+    force : (3,) array
+        In place.
+    """
+    r = (arm.x, arm.y, arm.z)
+    tangential, radial = cross(angular, r), cross(rates, cross(rates, r))
+    for i in range(3):
+        force[i] += tangential[i] + radial[i]

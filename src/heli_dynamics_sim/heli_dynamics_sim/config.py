@@ -16,7 +16,7 @@ from heli_core.jit import by_reference
 from heli_core.sensors import PLAIN, SENSORS
 from heli_core.ticks import OF_100_HZ, TICK_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
-from heli_dynamics_sim.airframe import STEP_S
+from heli_dynamics_sim.airframe import STEP_S, LeverArm
 from heli_dynamics_sim.faults import FaultParams, fault_params
 from heli_dynamics_sim.ground import plane_of
 from heli_dynamics_sim.sensors import (
@@ -113,7 +113,13 @@ def _imu(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuParam
         gyro_bias=get("imu.gyro_bias_sigma_radps"),
         accel_bias=get("imu.accel_bias_sigma_mps2"),
         errors=_imu_errors(get, helicopter, tick_s),
+        arm=_lever_arm(get("imu.lever_arm_m")),
     )
+
+
+def _lever_arm(arm_m: Any) -> LeverArm:
+    x, y, z = map(float, arm_m)
+    return LeverArm(any((x, y, z)), x, y, z)
 
 
 def _imu_errors(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuErrorParams:
@@ -167,6 +173,7 @@ def _gps(get: _Get, rate: Rate) -> GpsParams:
         rate.of(round(lost_s / TICK_S)) if lost_s >= 0.0 else _NEVER,
         rate.of(round(found_s / TICK_S)) if found_s >= 0.0 else _NEVER,
         _gps_errors(get, axes),
+        _lever_arm(get("gps.lever_arm_m")),
     )
 
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_core.jit import njit, njit_inlined, referred
+from heli_core.jit import copy, njit, njit_inlined, referred, scratch
 from heli_core.rows import ACTUATOR, AIR, PLANT
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams
 from heli_dynamics_sim.airframe import (
@@ -141,6 +141,9 @@ def off_nominal(x, k):
 # -------------------------------------------------------------------------------------------------
 # Helicopter.
 # -------------------------------------------------------------------------------------------------
+
+
+_N_STATE = PLANT.size
 
 
 @njit
@@ -273,6 +276,25 @@ def specific_force(x, air, k, out):
     push, _ = ground_loads(x, k.ground)
     for i in range(3):
         out[i] = (force[i] + push[i]) / k.body.mass
+
+
+@njit
+def angular_acceleration(x, air, k, out):
+    """Derivatives of the body rates, rad/s2, of the same loads as `specific_force`: fills out (3,).
+
+    k is a HelicopterParams.
+    """
+    if is_off_nominal(k):
+        k = referred(off_nominal(x, k))
+    at_main, at_tail, at_body = airspeeds(x, air)
+    _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
+    flow = rotor_flow(x, at_main, k)
+    force, moment, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
+    _, twist = ground_loads(x, k.ground)
+    slopes = scratch(_N_STATE)
+    turning = moment[0] + twist[0], moment[1] + twist[1], moment[2] + twist[2]
+    rigid_body_rates(x, force, turning, k.body, slopes)
+    copy(out, slopes[PLANT.rate])
 
 
 def same_air(wind_ned_mps: ArrayLike) -> NDArray[np.float64]:

@@ -32,7 +32,13 @@ from heli_core.rotations import quat_to_R_nb
 from heli_core.rows import ACTUATOR_NAMES, AIR, MEAS, PLANT, TRUTH
 from heli_core.ticks import Rate
 from heli_dynamics_sim.aircraft import PREFIX, SCALED, HelicopterParameters
-from heli_dynamics_sim.airframe import BodyParams, make_state, rigid_body_rates
+from heli_dynamics_sim.airframe import (
+    BodyParams,
+    add_lever_acceleration,
+    make_state,
+    rates_of,
+    rigid_body_rates,
+)
 from heli_dynamics_sim.config import PlantConfig, PlantParams, sensor_params, wind_params
 from heli_dynamics_sim.faults import PAST_S, initial_faults, spoil_sensors
 from heli_dynamics_sim.helicopter import WORK_ROWS, airspeed, same_air
@@ -182,6 +188,12 @@ def _measure(state, tick, noise_row, k, linear, y):
         air[i] = 0.5 * (state.air_before[i] + state.air[i])
     omega = aircraft.main.speed
     linear_force(x, air, linear, y[MEAS.force])
+    arm = k.sensors.imu.arm
+    if arm.on:
+        slopes = scratch(_N)
+        _slopes(x, air, linear, slopes)
+        turning = slopes[LINEAR.p], slopes[LINEAR.q], slopes[LINEAR.r]
+        add_lever_acceleration(rates_of(x), turning, arm, y[MEAS.force])
     if k.sensors.imu2:
         copy(y[MEAS.force2], y[MEAS.force])
         spoil_imu2(sensors, tick, x, omega, noise_row, k.sensors, y)

@@ -48,6 +48,12 @@ def _amplitude(name: str, description: str, unit: str, upper: float) -> Paramete
     return real(name, description, unit, 0.0, upper, (3,))
 
 
+def _lever_arm(sensor: str, words: str) -> Parameter:
+    name = f"sensors.{sensor}.lever_arm_m"
+    return real(name, f"Place of the {words} from the centre of gravity, body FRD", "m",
+                -2.0, 2.0, (3,))  # fmt: skip
+
+
 def _plain(sensor: SampledSensor) -> tuple[Parameter, ...]:
     """Rows of a sensor of `heli_core.sensors.PLAIN`."""
     name, unit, most = f"sensors.{sensor.name}", sensor.unit, sensor.most_noise
@@ -96,6 +102,7 @@ SENSORS: tuple[Parameter, ...] = (
     _amplitude("rev_radps", "Rate at 1/rev, each axis", "rad/s", 50.0),
     _amplitude("blade_mps2", "Acceleration at N/rev, each axis", "m/s2", 500.0),
     _amplitude("blade_radps", "Rate at N/rev, each axis", "rad/s", 50.0),
+    _lever_arm("imu", "IMU"),
     row("sensors.imu2.enabled", "bool", "Whether there is a second IMU of the same kind"),
     real("sensors.mag.field_ned_t", "Local magnetic field, NED", "T", -1e-4, 1e-4, (3,)),
     real("sensors.mag.hard_iron_t", "Constant offset, body", "T", -1e-4, 1e-4, (3,)),
@@ -142,6 +149,7 @@ SENSORS: tuple[Parameter, ...] = (
     ticks("sensors.gps.period_ticks", "Period of the fixes", 1, 1000),
     ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),
     real("sensors.gps.latency_jitter_s", "Instant of validity about the stamp", "s", 0.0, 0.2),
+    _lever_arm("gps", "GPS antenna"),
     real("sensors.gps.multipath.sigma_m", "Multipath error, horizontal", "m", 0.0, 100.0),
     real("sensors.gps.multipath.tau_s", "Time constant of the multipath", "s", 0.1, 1e5),
     row("sensors.gps.satellites.open", "int", "Satellites in the open", lower=4, upper=60),

@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.atmosphere import pressure_pa
-from heli_core.jit import by_reference, fill, njit, referred
+from heli_core.jit import by_reference, fill, njit, referred, scratch
 from heli_core.rows import AIR, IMU, MEAS, PLANT
 from heli_core.sensors import PLACES, PLAIN, ROTOR_SPEED, place_of
 from heli_dynamics_sim.airframe import (
+    LeverArm,
+    add_lever_acceleration,
     attitude_of,
+    cross,
     fuselage_force,
     rates_of,
     to_body,
@@ -29,6 +32,7 @@ from heli_dynamics_sim.engine import engine_torque
 from heli_dynamics_sim.helicopter import (
     airspeed,
     airspeeds,
+    angular_acceleration,
     is_off_nominal,
     main_rotor_power,
     off_nominal,
@@ -279,7 +283,7 @@ def spoil_fix(state, noise, gps, velocity, pos, vel):
         Standard normals of the tick.
     gps : GpsParams
     velocity : (float, float, float)
-        True one, NED, m/s.
+        True one of the antenna, NED, m/s.
     pos, vel : (3,) array
         In place.
     """
@@ -399,6 +403,7 @@ class ImuParams(NamedTuple):
     gyro_bias: float  # sigma at start, rad/s
     accel_bias: float  # m/s2
     errors: ImuErrorParams
+    arm: LeverArm
 
 
 @by_reference
@@ -442,6 +447,7 @@ class GpsParams(NamedTuple):
     lost_tick: int  # from which on there is no fix
     found_tick: int  # and from which on there is one again
     errors: GpsErrorParams
+    arm: LeverArm  # of the antenna
 
 
 @by_reference
@@ -569,9 +575,20 @@ def spoil_imu2(sensors, tick, x, omega, noise, k, y):
 
 
 @njit
+def _force_at_imu(x, air, aircraft, k, out):
+    """Specific force, body, m/s2, at the IMU's place: fills out (3,)."""
+    specific_force(x, air, aircraft, out)
+    if k.arm.on:
+        angular = scratch(3)
+        angular_acceleration(x, air, aircraft, angular)
+        turning = angular[0], angular[1], angular[2]
+        add_lever_acceleration(rates_of(x), turning, k.arm, out)
+
+
+@njit
 def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill specific force and rates of the measurement row y."""
-    specific_force(x, air, aircraft, y[MEAS.force])
+    _force_at_imu(x, air, aircraft, k, y[MEAS.force])
     spoil_imu(sensors, tick, x, rotor_speed(x, aircraft), noise, k, y)
 
 
@@ -581,7 +598,7 @@ def read_imu2(sensors, tick, x, air, noise, aircraft, k, y):
     if not k.imu2:
         fill(y[MEAS.imu2], 0.0)
         return
-    specific_force(x, air, aircraft, y[MEAS.force2])
+    _force_at_imu(x, air, aircraft, k.imu, y[MEAS.force2])
     spoil_imu2(sensors, tick, x, rotor_speed(x, aircraft), noise, k, y)
 
 
@@ -634,9 +651,12 @@ def read_baro(sensors, tick, x, air, noise, aircraft, k, y):
 
 @njit
 def take_fix(sensors, tick, x, noise, k):
-    """Measure position and velocity at `tick` and send them on their way."""
+    """Measure the antenna's position and velocity at `tick` and send them on their way."""
     slot = ((tick + k.latency) // k.period) % sensors.gps_queue.shape[0]
     u, v, w = velocity_of(x)
+    if k.arm.on:
+        turning = cross(rates_of(x), (k.arm.x, k.arm.y, k.arm.z))
+        u, v, w = u + turning[0], v + turning[1], w + turning[2]
     fix = sensors.gps_queue[slot]
     pos, vel, true_pos = fix[FIX.pos], fix[FIX.vel], x[PLANT.pos]
     white_pos, white_vel = noise[NOISE.gps_pos], noise[NOISE.gps_vel]
@@ -645,6 +665,9 @@ def take_fix(sensors, tick, x, noise, k):
     for i in range(3):
         pos[i] = true_pos[i] + sensors.gps_drift[i] + k.white_m[i] * white_pos[i]
         vel[i] += k.velocity_mps * white_vel[i]
+    if k.arm.on:
+        north, east, down = to_ned(attitude_of(x), k.arm.x, k.arm.y, k.arm.z)
+        pos[0], pos[1], pos[2] = pos[0] + north, pos[1] + east, pos[2] + down
     fix[FIX.tick], fix[FIX.got] = tick, 1.0
     if k.errors.on and not spoil_fix(sensors.gps, noise, k, velocity, pos, vel):
         fix[FIX.got] = 0.0

@@ -541,6 +541,7 @@ def resolve(
     in_world = (overrides or {}).get(WORLD_SECTION)
     layers = layered(read, name, receiver, around, fitting, drawn_by, control, in_world)
     values = _over(layers, fitting, line, options, overrides or {})
+    values["observer"] |= _arms_as_mounted(files, values["plant"], overrides or {})
     unread = _unread(read, values["inner_loop"], fitting, overrides or {})
     by_hand = [one for one, file in zip(fitting, user, strict=True) if "commit" not in file.section]
     for node in NODES:
@@ -587,8 +588,32 @@ _BY_SCENARIO = {
     "lockstep": "flight: mode",
     "link_seed": "plant: seed",
     "schedule.gps_latency_ticks": "plant: sensors.gps.latency_ticks",
+    "ekf.imu.lever_arm_m": "plant: sensors.imu.lever_arm_m",
+    "ekf.gps.lever_arm_m": "plant: sensors.gps.lever_arm_m",
 }
 """By parameter of a node what decides it in a flight."""
+
+
+def _arms_as_mounted(
+    files: Sequence[ParameterFile],
+    plant: Mapping[str, Any],
+    overrides: Mapping[str, Mapping[str, Any]],
+) -> dict[str, Any]:
+    """The lever arms that the plant tells the observer: those that nobody gives it otherwise.
+
+    A value of its own that the same files give the plant, too, as those of a flight that was flown
+    do, is none that is meant otherwise.
+    """
+    told = {}
+    for sensor in ("imu", "gps"):
+        mounted, known = f"sensors.{sensor}.lever_arm_m", f"ekf.{sensor}.lever_arm_m"
+        own, of_plant = assigned(files, "observer", known), assigned(files, "plant", mounted)
+        meant = own is not None and not (
+            of_plant is not None and equal_values(own.value, of_plant.value)
+        )
+        if not meant and known not in overrides.get("observer", {}):
+            told[known] = plant[mounted]
+    return told
 
 
 def _not_flown(

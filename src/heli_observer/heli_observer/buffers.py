@@ -187,6 +187,7 @@ def store_gps(state, tick, y, horizon_ticks):
     pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
     copy_part(row, L.AID.gps_pos, pos, 0, 3)
     copy_part(row, L.AID.gps_vel, vel, 0, 3)
+    row[L.AID.gps_at_imu] = 0.0
     finite = 0
     for i in range(3):
         finite += int(math.isfinite(pos[i])) + int(math.isfinite(vel[i]))

@@ -102,6 +102,66 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
 
 
 # -------------------------------------------------------------------------------------------------
+# Lever arms. The filter's position and velocity are those of the IMU, so that no angular
+# acceleration is needed: a fix is brought from the antenna to the IMU before anything sees it, the
+# output from the IMU to the c.g. So do PX4 (EKF2_IMU_POS_*, EKF2_GPS_POS_*; its output predictor)
+# and ArduPilot (INS_POS*, GPS1_POS_*; in CorrectGPSForAntennaOffset and the output of EKF3). As
+# there, how a fix is weighed leaves out the error of the attitude that moves it.
+# -------------------------------------------------------------------------------------------------
+
+
+@njit
+def leave_arm(quat, rate, arm_m, pos, vel):
+    """Take away from position and velocity what the end of a lever arm has more than its foot.
+
+    Parameters
+    ----------
+    quat : ndarray (4,)
+        Body -> NED.
+    rate : ndarray (3,)
+        Body, rad/s.
+    arm_m : ndarray (3,)
+        Body FRD.
+    pos, vel : ndarray (3,)
+        NED, m, m/s; in place.
+    """
+    R = scratch_matrix(3, 3)
+    fill_R_nb(quat, R)
+    v0 = rate[1] * arm_m[2] - rate[2] * arm_m[1]
+    v1 = rate[2] * arm_m[0] - rate[0] * arm_m[2]
+    v2 = rate[0] * arm_m[1] - rate[1] * arm_m[0]
+    for i in range(3):
+        pos[i] -= R[i, 0] * arm_m[0] + R[i, 1] * arm_m[1] + R[i, 2] * arm_m[2]
+        vel[i] -= R[i, 0] * v0 + R[i, 1] * v1 + R[i, 2] * v2
+
+
+@njit
+def move_fix_to_imu(quat, gyro_bias, imu, aid, k):
+    """Bring a fix (aid row) once from the antenna to the IMU, with the attitude and rates then.
+
+    Parameters
+    ----------
+    quat : ndarray (>= 4,)
+        Body -> NED.
+    gyro_bias : ndarray (>= 3,)
+        rad/s.
+    imu : ndarray (>= 6,)
+        A row `IMU`.
+    aid : ndarray
+        In place.
+    k : EkfParams
+    """
+    if aid[AID.gps_at_imu] == 1.0:
+        return
+    rate, measured = scratch(3), imu[IMU.rate]
+    for i in range(3):
+        rate[i] = measured[i] - gyro_bias[i]
+    pos, vel = aid[AID.gps_pos : AID.gps_pos + 3], aid[AID.gps_vel : AID.gps_vel + 3]
+    leave_arm(quat, rate, k.antenna_m, pos, vel)
+    aid[AID.gps_at_imu] = 1.0
+
+
+# -------------------------------------------------------------------------------------------------
 # Ins ekf.
 # -------------------------------------------------------------------------------------------------
 
@@ -342,6 +402,10 @@ def baro_slope(altitude_m):
 def predicted_pressure(x, k):
     """Pressure (Pa) the barometer should read in the nominal state, and its derivative by pos_d."""
     altitude = k.origin_altitude_m - x[NOMINAL.pos + 2]
+    if k.arms:  # the barometer is at the c.g.
+        R, arm_m = scratch_matrix(3, 3), k.imu_arm_m
+        fill_R_nb(x[NOMINAL.quat : NOMINAL.quat + 4], R)
+        altitude += R[2, 0] * arm_m[0] + R[2, 1] * arm_m[1] + R[2, 2] * arm_m[2]
     return pressure_pa(altitude) + x[NOMINAL.baro_bias], -baro_slope(altitude)
 
 
@@ -598,14 +662,17 @@ def align(state, tick, horizon_ticks, k):
     if not abs(strength - 1.0) <= FORCE_TOLERANCE:
         return False
     phi, theta = level_from_force(force)
+    psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
     x = state.nominal
     fill(x, 0.0)
+    fill_from_euler(phi, theta, psi, x[NOMINAL.quat : NOMINAL.quat + 4])
+    if k.arms:
+        imu = state.imu[fix_tick % size]
+        move_fix_to_imu(x[NOMINAL.quat :], x[NOMINAL.gyro_bias :], imu, fix, k)
     age_s = (fix_tick - (tick - horizon_ticks)) * k.dt_s
     for i in range(3):
         x[NOMINAL.vel + i] = vel[i]
         x[NOMINAL.pos + i] = pos[i] - age_s * vel[i]
-    psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
-    fill_from_euler(phi, theta, psi, x[NOMINAL.quat : NOMINAL.quat + 4])
     start_covariance(state.P, x[NOMINAL.quat : NOMINAL.quat + 4], age_s, k)
     fill_matrix(state.dx, 0.0)
     # used up: they must not be fused a second time

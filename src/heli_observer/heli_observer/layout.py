@@ -50,7 +50,7 @@ class ErrorRow(NamedTuple):
 
 
 class AidRow(NamedTuple):
-    """A slot (13,) of the ring of aids and fixes."""
+    """A slot (14,) of the ring of aids and fixes."""
 
     mag_valid: int = 0
     mag: int = 1
@@ -59,8 +59,9 @@ class AidRow(NamedTuple):
     gps_valid: int = 6
     gps_pos: int = 7
     gps_vel: int = 10
-    more: int = 13
-    size: int = 13 + _MORE_SLOTS
+    gps_at_imu: int = 13  # 1.0: the fix is no longer that of the antenna
+    more: int = 14
+    size: int = 14 + _MORE_SLOTS
 
 
 class RingRow(NamedTuple):
@@ -519,6 +520,9 @@ class EkfParams(NamedTuple):
     accel_limit_mps2: float
     rate_limit_radps: float
     var0: NDArray[np.float64]
+    arms: bool  # whether IMU or antenna are elsewhere than at the c.g.
+    imu_arm_m: NDArray[np.float64]  # (3,) from the c.g., body FRD
+    antenna_m: NDArray[np.float64]  # (3,) from the IMU, body FRD
 
 
 @by_reference

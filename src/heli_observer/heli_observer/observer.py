@@ -41,6 +41,8 @@ from heli_observer.ekf import (
     conclude,
     fuse_aid,
     fuse_gps,
+    leave_arm,
+    move_fix_to_imu,
     predict,
     predict_without_imu,
     scalar_update,
@@ -117,6 +119,9 @@ def _ekf_params(v: Mapping[str, Any], tick_s: float) -> EkfParams:
     step = 1.0 - decay**2
     mag_decay = float(np.exp(-tick_s / v["ekf.mag.heading_error_time_constant_s"]))
     # Quantiles of chi-square with 1, 2, 3 degrees of freedom; scipy.stats takes 0.7 s to import.
+    imu_arm_m, gps_arm_m = (
+        np.array(v[f"ekf.{sensor}.lever_arm_m"], dtype=np.float64) for sensor in ("imu", "gps")
+    )
     probability = v["ekf.gate_probability"]
     gates = np.array([0.0] + [2.0 * gammaincinv(0.5 * dof, probability) for dof in (1, 2, 3)])
     return EkfParams(
@@ -145,6 +150,9 @@ def _ekf_params(v: Mapping[str, Any], tick_s: float) -> EkfParams:
         accel_limit_mps2=v["ekf.imu.accel_limit_mps2"],
         rate_limit_radps=v["ekf.imu.rate_limit_radps"],
         var0=_initial_variances(v),
+        arms=bool(imu_arm_m.any() or gps_arm_m.any()),
+        imu_arm_m=imu_arm_m,
+        antenna_m=gps_arm_m - imu_arm_m,
     )
 
 
@@ -387,6 +395,10 @@ def _filter_step(state, horizon, tick, k):
         if not bridged and replaced_for_long(imu, horizon):
             widen_covariance(P, k.ekf.dt_s)
     row = state.aid[horizon % size]
+    if k.ekf.arms:
+        move_fix_to_imu(
+            x[L.NOMINAL.quat :], x[L.NOMINAL.gyro_bias :], imu[horizon % size], row, k.ekf
+        )
     _watch_heading(state, horizon, tick, row, k)
     keep_window(state, horizon, imu[horizon % size], row)
     return _fuse_slot(state, tick, horizon, row, k)
@@ -483,6 +495,8 @@ def _navigation_output(state, tick, k, out):
     rate, measured = out[NAV.rate], state.imu[tick % size, IMU.rate]
     for i in range(3):
         rate[i] = measured[i] - now[L.NOMINAL.gyro_bias + i]
+    if k.ekf.arms:
+        leave_arm(out[NAV.quat], rate, k.ekf.imu_arm_m, out[NAV.pos], out[NAV.vel])
     _sigma_now(state.P, R, a_ned, k.horizon_ticks * k.ekf.dt_s, k.ekf, out)
 
 

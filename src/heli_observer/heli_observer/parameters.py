@@ -28,6 +28,12 @@ def _noise(sensor: SampledSensor) -> Parameter:
     return _sigma(name, f"White {sensor.quantity} error{each}", sensor.unit, sensor.most_noise)
 
 
+def _lever_arm(sensor: str, words: str) -> Parameter:
+    return _row(f"ekf.{sensor}.lever_arm_m", "double[]",
+                f"Place of the {words} from the centre of gravity, body FRD", "m",
+                shape=(3,), lower=-2.0, upper=2.0)  # fmt: skip
+
+
 def _timeout(sensor: str) -> Parameter:
     return _row(f"ekf.timeout.{sensor}_s", "double", f"Longest time without an accepted {sensor}",
                 "s", lower=0.02, upper=600.0)  # fmt: skip
@@ -55,6 +61,7 @@ TABLE: tuple[Parameter, ...] = (
     _sigma("ekf.imu.accel_bias_walk", "Specific force bias random walk", "m/s3/sqrt(Hz)", 10.0),
     _sigma("ekf.imu.accel_limit_mps2", "Larger specific forces are not believed", "m/s2", 1e4),
     _sigma("ekf.imu.rate_limit_radps", "Larger rates are not believed", "rad/s", 1e3),
+    _lever_arm("imu", "IMU"),
     _row("imu2.enabled", "bool", "Whether there is a second IMU, on imu2/data_raw"),
     _sigma("imu2.offset_mps2", "Largest lasting difference of two IMUs, each axis", "m/s2", 10.0),
     _sigma("imu2.offset_radps", "The same of their rates", "rad/s", 1.0),
@@ -69,6 +76,7 @@ TABLE: tuple[Parameter, ...] = (
     _row("ekf.gps.drift_vertical_m", "double", "Slowly drifting height error", "m",
          lower=0.0, upper=100.0),
     _sigma("ekf.gps.drift_time_constant_s", "Correlation time of the drift", "s", 1e5),
+    _lever_arm("gps", "GPS antenna"),
     *map(_noise, AIDS),
     _sigma("ekf.baro.bias_walk", "Pressure bias random walk", "Pa/s/sqrt(Hz)", 1e3),
     _row("ekf.mag.field_ned_t", "double[]", "Local magnetic field, north, east, down", "T",
