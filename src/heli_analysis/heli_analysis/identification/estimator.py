@@ -41,6 +41,7 @@ from heli_analysis.identification.structure import (
     DAMPING,
     DELAY,
     FAST_NAMES,
+    FLAPPING,
     FULL,
     SERVO,
     STATE,
@@ -64,6 +65,8 @@ _EVALUATIONS = 60
 _AROUND = 6  # lines to either side
 _STEP = {"A": 1e-3, "B": 1e-3, "E": 1e-4}
 BOUNDS = {SERVO: (3.0, 250.0), DAMPING: (0.05, 3.0), DELAY: (0.0, 0.15)}
+DAMPED, DAMPED_BY_1PS = ("A(p,p)", "A(q,q)", "A(r,r)"), (-300.0, 10.0)
+"""Of a quasi-static rotor."""
 LONGEST_DELAY_S = BOUNDS[DELAY][1]
 
 
@@ -230,8 +233,10 @@ def _minimise(
     problem: Problem, start: Array, whiteners: list[ComplexArray] | None, tolerance: float
 ) -> tuple[Array, Array, bool]:
     """(values, Jacobian, converged) of one SciPy least-squares run."""
-    lower = np.array([BOUNDS.get(name, (-np.inf, np.inf))[0] for name in problem.names])
-    upper = np.array([BOUNDS.get(name, (-np.inf, np.inf))[1] for name in problem.names])
+    # a body that follows at once, through the servos' lag alone, is no helicopter
+    rigid = {} if FLAPPING in problem.names else dict.fromkeys(DAMPED, DAMPED_BY_1PS)
+    bounds = [(BOUNDS | rigid).get(name, (-np.inf, np.inf)) for name in problem.names]
+    lower, upper = np.array(bounds, np.float64).reshape(-1, 2).T
     inside = np.clip(start, lower + 1e-6, upper - 1e-6)
 
     def residual(values: Array) -> Array:
@@ -451,6 +456,12 @@ def select(
     kept = tuple(name for name in names if name in structure.kept)
     start = values_of(kept, first)
     distortion = 0.0
+    if structure != FULL:
+        # what lags there are beyond the structure is no noise: weighed as noise it drives the first
+        # round to a model that is noisier than the record, where all is explained
+        problem = Problem([spectra], kept, empty_model(structure))
+        with _of_numbers(problem, start):
+            distortion = distortion_of(problem, start)
     tried = set()
     for _ in range(_ROUNDS):
         problem = Problem([spectra], kept, empty_model(structure), distortion)
