@@ -43,3 +43,14 @@ def test_no_proof_is_given_for_another_aircraft_than_the_one_that_is_named(tmp_p
     linear.write_text("/**/plant:\n  ros__parameters:\n    linear_model: blade360\n")
     assert cli.main(["robust", "--params", str(linear)]) == 2
     assert "linear_model: blade360" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["identify", "--out"], ["log", "identify", "a.csv", "--out"]])
+def test_a_structure_that_is_not_known_is_refused_before_anything_is_made(
+    command, tmp_path, capsys
+):
+    out = tmp_path / "new"
+    assert cli.main([*command, str(out), "--structure", "flapping"]) == 2
+    said = capsys.readouterr().err
+    assert "--structure" in said and "full, quasi_static_rotor" in said
+    assert not out.exists()

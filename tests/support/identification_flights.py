@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_continuous_are
 from scipy.signal import chirp
 
-from heli_analysis.identification.model import AIR, FAST, N_FAST, STATE, FastModel, full_matrices
+from heli_analysis.identification.model import FAST, FastModel, full_matrices
 from heli_analysis.identification.spectra import WIND, Experiment
+from heli_analysis.identification.structure import AIR, N_FAST, STATE
 from heli_core.linear import held, with_servos
 from heli_core.rows import ACTUATOR, ATTITUDE, NINE
 from heli_core.ticks import TICK_S
@@ -81,6 +83,7 @@ class Flight:
     gust_mps: tuple[float, ...] = (0.0, 0.0, 0.0)
     highest_hz: float = 9.0
     model: FastModel = field(default_factory=true_model)
+    law: np.ndarray | None = None  # gains (4, 12); None: `_law`
     chirps_s: float = 0.0  # each actuator in its turn, instead of periodic lines; 0: none
 
 
@@ -124,8 +127,24 @@ def _law():
     return K
 
 
-def _discrete(model: FastModel):
-    """Phi and inputs (u 4, wind 3) of x9, velocity 3, servos 8."""
+def stabilising_law(model: FastModel, most_u: float = 0.1):
+    """Gains (4, 12) that hold any model in hover: linear-quadratic, of all states but the servos.
+
+    most_u: what of an actuator costs as much as a rad, a rad/s or a m/s.
+    """
+    F, B, _, _ = _continuous(model)
+    controls = np.eye(ACTUATOR.size) / most_u**2
+    X = solve_continuous_are(F, B, np.eye(_X.size), controls)
+    return -np.linalg.solve(controls, B.T @ X)
+
+
+def open_loop_poles(model: FastModel):
+    """Poles (12,) of hover, 1/s, without servos: gravity turns with the attitude."""
+    return np.linalg.eigvals(_continuous(model)[0])
+
+
+def _continuous(model: FastModel):
+    """F (12, 12), B (12, 4) and what the air does: E (9, 3), drag (3, 3)."""
     A, _, E = full_matrices(model, *TRIM)
     drag = np.diag([0.05, 0.3, 0.6])
     F, B = np.zeros((_X.size, _X.size)), np.zeros((_X.size, ACTUATOR.size))
@@ -133,6 +152,12 @@ def _discrete(model: FastModel):
     F[_X.nine, _X.vel] = -E
     F[_X.u, NINE.theta], F[_X.v, NINE.phi], B[_X.w, ACTUATOR.col] = -G, G, 8.0
     F[_X.vel, _X.vel] = -drag
+    return F, B, E, drag
+
+
+def _discrete(model: FastModel):
+    """Phi and inputs (u 4, wind 3) of x9, velocity 3, servos 8."""
+    F, B, E, drag = _continuous(model)
     F, B = with_servos(F, B, model.servo_radps, model.servo_damping)
     wind = np.zeros((F.shape[0], len(WIND)))
     wind[_X.nine], wind[_X.vel] = E, drag
@@ -157,7 +182,7 @@ def fly(flight: Flight) -> Experiment:
     )  # fmt: skip
     Phi, Gamma = _discrete(flight.model)
     by_command, by_wind = np.split(Gamma, [ACTUATOR.size], axis=1)
-    K = _law()
+    K = _law() if flight.law is None else flight.law
     delay = round(flight.model.delay_s / TICK_S)
     no_command = np.zeros(ACTUATOR.size)
     x, turbulence, queue = np.zeros(Phi.shape[0]), np.zeros(len(WIND)), [no_command] * delay

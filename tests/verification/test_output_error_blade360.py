@@ -10,16 +10,9 @@ import pytest
 from scipy.signal import chirp, lfilter
 
 from heli_analysis.identification import AperiodicRecord
-from heli_analysis.identification.model import (
-    AIR,
-    FAST,
-    N_FAST,
-    RATE_PLACES,
-    FastModel,
-    assemble,
-    values_of,
-)
+from heli_analysis.identification.model import FAST, RATE_PLACES, FastModel, assemble, values_of
 from heli_analysis.identification.output_error import BAND_HZ, fit_output_error, pieces_of_record
+from heli_analysis.identification.structure import AIR, N_FAST
 from heli_core.linear import held, with_servos
 from heli_core.rows import ACTUATOR
 from heli_core.ticks import TICK_S

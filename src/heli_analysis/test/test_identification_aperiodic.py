@@ -16,7 +16,8 @@ from heli_analysis.identification import (
     joint_response,
 )
 from heli_analysis.identification.aperiodic import cuts, spectra_of_record
-from heli_analysis.identification.model import STATE, values_of
+from heli_analysis.identification.model import values_of
+from heli_analysis.identification.structure import STATE
 from heli_core.ticks import TICK_S
 from support.identification_flights import Flight, fly, true_model
 

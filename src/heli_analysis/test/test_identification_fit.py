@@ -11,16 +11,9 @@ from scipy.signal import cont2discrete, dlsim
 from heli_analysis.identification import fit_actuators, fit_gusts, measured_response, trim_of
 from heli_analysis.identification.actuators import sampled_rates
 from heli_analysis.identification.estimator import Problem, StartSearch, estimate
-from heli_analysis.identification.model import (
-    DELAY,
-    FLAPPING,
-    actuator_parameters,
-    assemble,
-    place_of,
-    transfer,
-    values_of,
-)
+from heli_analysis.identification.model import assemble, place_of, transfer, values_of
 from heli_analysis.identification.spectra import GUST, U, spectra_of
+from heli_analysis.identification.structure import DELAY, FLAPPING, FULL
 from heli_core.linear import with_servos
 from support.identification_flights import TRIM, Flight, fly, true_model
 
@@ -132,7 +125,7 @@ def test_confidence_over_seeds_and_periods():
     true = true_model()
     names = tuple(
         name
-        for name in actuator_parameters(collective=True)
+        for name in FULL.actuator_parameters(collective=True)
         if place_of(name) is not None and values_of([name], true)[0] != 0.0
     ) + (FLAPPING,)
     truth = values_of(names, true)

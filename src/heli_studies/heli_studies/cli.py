@@ -42,6 +42,18 @@ from heli_studies.cli_compare import compare
 # `heli identify` on the command line.
 # -------------------------------------------------------------------------------------------------
 
+RotorStructure = Annotated[
+    str,
+    typer.Option(
+        "--structure",
+        metavar="NAME",
+        help="of the model: full, or quasi_static_rotor, without flapping states",
+    ),
+]
+YawGyro = Annotated[
+    bool, typer.Option("--yaw-gyro/--no-yaw-gyro", help="whether the model has a yaw gyro")
+]
+
 IDENTIFY_EPILOG = (
     "\b\nexample:\n  heli identify --seed 7 --out my_aircraft --hover\n"
     "  heli identify --actuators bags/a --gusts bags/g --out my_aircraft\n"
@@ -81,6 +93,8 @@ def identify(
             help="of A, B and servos: frequency, or output_error, in the time domain from there on",
         ),
     ] = "frequency",
+    structure: RotorStructure = "full",
+    yaw_gyro: YawGyro = True,
     params: Params = None,
     as_json: Json = False,
 ) -> int:
@@ -89,12 +103,12 @@ def identify(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import console
     from heli_studies import identify as command
-    from heli_studies.identify_methods import method_of
+    from heli_studies.identify_methods import method_of, structure_of
     from heli_studies.identify_report import execute
 
     wanted = command.IdentifyOrder(
         actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process,
-        flight=flight, method=method_of(method),
+        flight=flight, method=method_of(method), structure=structure_of(structure, yaw_gyro),
     )  # fmt: skip
     outcome = execute(wanted, out)
     if as_json:
@@ -457,18 +471,22 @@ def log_identify(
             metavar="DIR", help="folder for model.json, responses.csv, bode.png; must not exist"
         ),
     ] = None,
+    structure: RotorStructure = "full",
+    yaw_gyro: YawGyro = True,
     as_json: Json = False,
 ) -> int:
     """Identify each axis from a log: gain, pole, delay, feed-forward; A and B where it allows."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import answer, being_filled, json_text, refuse_existing
+    from heli_studies.identify_methods import structure_of
     from heli_studies.logs.fit import draw_fit, fit_log, print_fit, responses_csv
     from heli_studies.logs.info import cropped, info_of
     from heli_studies.logs.read import read_log
 
     refuse_existing(out)
-    fitted = fit_log(info_of(cropped(read_log(log, columns), start, end)))
+    wanted = structure_of(structure, yaw_gyro)
+    fitted = fit_log(info_of(cropped(read_log(log, columns), start, end)), wanted)
     if out is not None:
         with being_filled(out):
             write_whole(out / "model.json", json_text(fitted.as_dict()))

@@ -27,9 +27,10 @@ from heli_analysis.identification.actuators import (
     relative_air_w,
     trim_of,
 )
-from heli_analysis.identification.model import AIR, FAST, N_FAST, FastModel
+from heli_analysis.identification.model import FAST, FastModel
 from heli_analysis.identification.output_error import MethodAgreement, refine
-from heli_analysis.identification.spectra import Experiment, spectra_of
+from heli_analysis.identification.spectra import Array, Experiment, spectra_of
+from heli_analysis.identification.structure import AIR, FULL, N_FAST, Rotor, Structure, at_once
 from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.writer import BagError
 from heli_core.command_line import config_folder
@@ -63,7 +64,13 @@ from heli_inner_hinf.loops import Loop, sampled_plant
 from heli_inner_hinf.mu import peak_gain
 from heli_msgs_bridge import topics
 from heli_studies.design.make import Basis, FinishedDesign, aircraft_basis, design_of
-from heli_studies.identify_methods import Method, agreement_as_dict, print_agreement
+from heli_studies.identify_methods import (
+    Method,
+    agreement_as_dict,
+    print_agreement,
+    print_structure,
+    structure_as_dict,
+)
 
 # -------------------------------------------------------------------------------------------------
 # What `heli identify` takes as given; values stand in config/identify/<aircraft>.yaml.
@@ -397,6 +404,7 @@ def identify(
     gamma_factor: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
     method: Method = Method.FREQUENCY,
+    structure: Structure = FULL,
 ) -> Identification:
     """Fit A, B, servos and delay, then E, trim and collective; design from them.
 
@@ -413,6 +421,8 @@ def identify(
         Told what comes next, a few words.
     method : Method
         By which A, B and servos are found in the end.
+    structure : Structure
+        Which states the model has.
 
     Raises
     ------
@@ -422,7 +432,7 @@ def identify(
         No controller exists for the identified model and gamma.
     """
     progress("A, B, servos, delay")
-    ab = fit_actuators(actuators)
+    ab = fit_actuators(actuators, structure=structure)
     ground = a_priori.ground
     rotor = RotorGeometry(
         **{name: ground[f"rotor.{name}"] for name in RotorGeometry.__annotations__}
@@ -555,6 +565,13 @@ class Truth:
     basis: Basis
     design: FinishedDesign
 
+    def matrices(self, structure: Structure) -> tuple[Array, Array, Array]:
+        """A (9, 9), B (9, 3), E (9, 3) as that rotor has them; a yaw gyro stays where it is."""
+        A, B, E = self.basis.A.copy(), self.basis.B.copy(), self.basis.E.copy()
+        if structure.rotor is Rotor.QUASI_STATIC:
+            A[FAST, FAST], B[FAST], E[FAST] = at_once(A[FAST, FAST], B[FAST], E[FAST])
+        return A, B, E
+
 
 def truth_of(settings: Settings, aircraft: str | None, gamma: float | None) -> Truth:
     """Trim, linearise and design the aircraft file: the yardstick, never an input.
@@ -577,14 +594,15 @@ def table(identification: Identification, truth: Truth | None) -> list[Compariso
 def _matrix_rows(identification: Identification, truth: Truth | None) -> list[ComparisonRow]:
     ab, wind = identification.ab, identification.wind
     parts = (
-        ("A", ab.A, ab.A_sigma, truth.basis.A if truth else None),
-        ("B", ab.B, ab.B_sigma, truth.basis.B if truth else None),
-        ("E", wind.E, wind.E_sigma, truth.basis.E if truth else None),
+        ("A", ab.A, ab.A_sigma, truth.matrices(ab.structure)[0] if truth else None),
+        ("B", ab.B, ab.B_sigma, truth.matrices(ab.structure)[1] if truth else None),
+        ("E", wind.E, wind.E_sigma, truth.matrices(ab.structure)[2] if truth else None),
     )
+    dynamic = [_DYNAMIC[i] for i in range(N_FAST) if i not in ab.structure.absent]
     share = shares(identification, truth)
     rows = []
     for group, matrix, sigma, true in parts:
-        for i in _DYNAMIC:
+        for i in dynamic:
             for j, column in enumerate(_COLUMNS[group]):
                 name = f"{group}({STATE_NAMES[i]},{column})"
                 known = float("nan") if true is None else float(true[i, j])
@@ -599,12 +617,13 @@ def _matrix_rows(identification: Identification, truth: Truth | None) -> list[Co
     return rows
 
 
-def fast_of(basis: Basis) -> FastModel:
-    """A basis as the fits describe an aircraft (no kink, no collective)."""
+def fast_of(basis: Basis, matrices: tuple[Array, Array, Array] | None = None) -> FastModel:
+    """A basis as the fits describe an aircraft (no kink, no collective); matrices: in place."""
+    A9, B9, E9 = matrices or (basis.A, basis.B, basis.E)
     B, E = np.zeros((N_FAST, ACTUATOR.size)), np.zeros((N_FAST, AIR.size))
-    B[:, ACTUATOR.attitude], E[:, AIR.velocity] = basis.B[FAST], basis.E[FAST]
+    B[:, ACTUATOR.attitude], E[:, AIR.velocity] = B9[FAST], E9[FAST]
     at = basis.actuation
-    return FastModel(basis.A[FAST, FAST], B, E, at.servo_radps, at.servo_damping, at.delay_s)
+    return FastModel(A9[FAST, FAST], B, E, at.servo_radps, at.servo_damping, at.delay_s)
 
 
 def shares(identification: Identification, truth: Truth | None) -> dict[str, float]:
@@ -613,7 +632,12 @@ def shares(identification: Identification, truth: Truth | None) -> dict[str, flo
     Of the true entries where they are known, so that neither an entry that was lost nor one that is
     nothing but error decides by itself whether it counts; else of the identified ones.
     """
-    model = fast_of(truth.basis if truth is not None else identification.design.basis)
+    structure = identification.ab.structure
+    model = (
+        fast_of(truth.basis, truth.matrices(structure))
+        if truth is not None
+        else fast_of(identification.design.basis)
+    )
     rows = [STATE_NAMES[i] for i in _DYNAMIC]
     result: dict[str, float] = {}
     for groups, experiment in (
@@ -646,7 +670,8 @@ def _scalar_rows(identification: Identification, truth: Truth | None) -> list[Co
             identification.collective.K_col_sigma,
             basis.outer["rotor.K_col"] if basis else nan, nan, nan),
     ]  # fmt: skip
-    for i in (0, 1, 4, 5):
+    absent = [_DYNAMIC[i] for i in ab.structure.absent]
+    for i in (place for place in (0, 1, 4, 5) if place not in absent):
         true = float(basis.x_trim[i]) if basis else nan
         rows.append(
             ComparisonRow("", f"trim {STATE_NAMES[i]}, rad", float(trim.x[i]),
@@ -720,6 +745,8 @@ class IdentifyOrder:
         Which flight of a bag whose clock goes back, from 1 on; None: of such a bag it is asked.
     method : Method
         Of the fit of A, B and servos.
+    structure : Structure
+        Which states the model has.
     """
 
     actuators: Path | None = None
@@ -733,6 +760,7 @@ class IdentifyOrder:
     quiet: bool = False
     flight: int | None = None
     method: Method = Method.FREQUENCY
+    structure: Structure = FULL
 
     def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[float], None]]:
         """Progress on stderr, or none."""
@@ -834,7 +862,7 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
 
         identification = identify(
             experiments["actuators"], experiments["gusts"], a_priori, settings, wanted.gamma_factor,
-            tell, wanted.method,
+            tell, wanted.method, wanted.structure,
         )  # fmt: skip
         bound = identification.design.attitude.bound
         gamma = bound.gamma if bound and wanted.gamma_factor is not None else None
@@ -905,6 +933,7 @@ def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
                                          ("gusts", identification.gusts))
             },
         },
+        "structure": structure_as_dict(identification.ab),
         "agreement": agreement_as_dict(identification.agreement),
         "taken_for_zero": list(outcome.zeros),
         "delay_ticks": identification.ab.delay_ticks,
@@ -941,6 +970,7 @@ def print_outcome(outcome: IdentifyOutcome, out: Console) -> None:
             cells += [f"{row.truth:.5g}", row.deviation_text, mark]
         rows.add_row(*cells)
     out.print(rows)
+    print_structure(outcome.identification.ab, out)
     if outcome.identification.agreement:
         print_agreement(outcome.identification.agreement, out)
     if outcome.zeros:

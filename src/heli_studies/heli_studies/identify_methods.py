@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The methods of `heli identify`, and how what they find is laid side by side."""
+"""Methods and structures of `heli identify`, and how what they find is told."""
 
 import enum
 from collections.abc import Sequence
@@ -7,7 +7,10 @@ from typing import Any
 
 from rich.console import Console
 
+from heli_analysis.identification.actuators import IdentifiedAB
+from heli_analysis.identification.doubts import structure_doubts
 from heli_analysis.identification.output_error import MethodAgreement
+from heli_analysis.identification.structure import Rotor, Structure
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.terminal import table
 
@@ -26,6 +29,40 @@ def method_of(name: str) -> Method:
     except ValueError:
         known = ", ".join(Method)
         raise ParameterError(f"--method: {name!r} is not allowed; allowed: {known}") from None
+
+
+def structure_of(rotor: str, yaw_gyro: bool = True) -> Structure:
+    """A structure by its rotor's name; raises ParameterError."""
+    try:
+        return Structure(Rotor(rotor), yaw_gyro)
+    except ValueError:
+        known = ", ".join(Rotor)
+        raise ParameterError(f"--structure: {rotor!r} is not allowed; allowed: {known}") from None
+
+
+def structure_text(structure: Structure) -> str:
+    """A structure in words."""
+    rotor = {
+        Rotor.FULL: "flapping states",
+        Rotor.QUASI_STATIC: "quasi-static rotor",
+    }[structure.rotor]
+    return f"{rotor}, {'with' if structure.yaw_gyro else 'without'} yaw gyro"
+
+
+def structure_as_dict(ab: IdentifiedAB) -> dict[str, Any]:
+    """The structure of a fit for JSON, and what speaks against it."""
+    return {
+        "rotor": str(ab.structure.rotor), "yaw_gyro": ab.structure.yaw_gyro,
+        "states": list(ab.structure.states), "unexplained": ab.estimate.distortion,
+        "doubts": [doubt.name for doubt in structure_doubts(ab)],
+    }  # fmt: skip
+
+
+def print_structure(ab: IdentifiedAB, out: Console) -> None:
+    """A line, and one for each doubt."""
+    out.print(f"structure: {structure_text(ab.structure)}", soft_wrap=True)
+    for doubt in structure_doubts(ab):
+        out.print(f"structure: {doubt.value}", soft_wrap=True)
 
 
 def agreement_as_dict(rows: Sequence[MethodAgreement]) -> list[dict[str, Any]]:

@@ -11,15 +11,10 @@ import numpy as np
 from markupsafe import Markup
 
 from heli_analysis.identification.actuators import COMMANDS, sampled_rates
-from heli_analysis.identification.model import (
-    AIR,
-    FAST,
-    N_FAST,
-    STATE,
-    FastModel,
-    measured_response,
-)
+from heli_analysis.identification.doubts import structure_doubts
+from heli_analysis.identification.model import FAST, FastModel, measured_response
 from heli_analysis.identification.spectra import CHANNELS, RATES, Experiment, Spectra, spectra_of
+from heli_analysis.identification.structure import AIR, N_FAST, STATE
 from heli_core.folders import write_whole
 from heli_core.linear import WIND
 from heli_core.ticks import TICK_S
@@ -42,6 +37,7 @@ from heli_studies.identify import (
     misses,
     run,
 )
+from heli_studies.identify_methods import structure_text
 
 # -------------------------------------------------------------------------------------------------
 # Charts.
@@ -322,6 +318,8 @@ def _facts(outcome: IdentifyOutcome) -> list[tuple[str, str]]:
     return [
         ("Experiments", f"2, {a_priori.periods} periods of {a_priori.period_s:g} s each"),
         ("Lines", f"{lines_of(identification.actuators)}; {lines_of(identification.gusts)}"),
+        ("Structure", structure_text(identification.ab.structure)),
+        *((("Doubt", doubt.value)) for doubt in structure_doubts(identification.ab)),
         ("Compared with", outcome.truth.basis.source if outcome.truth else "nothing"),
         ("GPS", settings.gps),
         ("Seed", str(settings.seed)),

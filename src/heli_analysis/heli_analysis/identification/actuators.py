@@ -22,19 +22,11 @@ from heli_analysis.identification.estimator import (
     summary,
 )
 from heli_analysis.identification.model import (
-    AIR,
-    DAMPING,
-    DELAY,
-    ESSENTIAL,
     FAST,
     FAST_STATES,
-    FLAPPING,
-    ROTOR,
-    SERVO,
     SERVOS,
-    STATE,
     FastModel,
-    actuator_parameters,
+    empty_model,
     full_matrices,
     gust_parameters,
     place_of,
@@ -57,6 +49,17 @@ from heli_analysis.identification.spectra import (
     Y,
     hann_amplitudes,
     spectra_of,
+)
+from heli_analysis.identification.structure import (
+    AIR,
+    DAMPING,
+    DELAY,
+    FLAPPING,
+    FULL,
+    ROTOR,
+    SERVO,
+    STATE,
+    Structure,
 )
 from heli_core.errors import IdentificationCause, IdentificationError
 from heli_core.linear import WIND as WIND_INPUTS
@@ -112,6 +115,8 @@ class IdentifiedAB:
         Trim attitude of the kinematic rows.
     fast : FastModel
         The fitted model of the fast states.
+    structure : Structure
+        What it has of them.
     """
 
     A: Array
@@ -134,6 +139,7 @@ class IdentifiedAB:
     phi_rad: float
     theta_rad: float
     fast: FastModel
+    structure: Structure = FULL
 
 
 def channel_coherence(spectra: Spectra) -> dict[str, float]:
@@ -168,6 +174,7 @@ def fit_actuators(
     round_delay: bool = True,
     prune: bool = True,
     progress: Callable[[str], None] | None = None,
+    structure: Structure = FULL,
 ) -> IdentifiedAB:
     """Fit A, B, servos and delay.
 
@@ -185,6 +192,8 @@ def fit_actuators(
         Take for zero what is not told from zero.
     progress : callable, optional
         Told in a few words how far it is.
+    structure : Structure
+        Which states the model has.
 
     Raises
     ------
@@ -192,7 +201,7 @@ def fit_actuators(
         Its cause and sentence say why.
     """
     attitude = experiment.steady().attitude_rad[:, :2].mean(axis=0)
-    return _fit(spectra_of(experiment), attitude, start, round_delay, prune, progress)
+    return _fit(spectra_of(experiment), attitude, start, round_delay, prune, progress, structure)
 
 
 def fit_record(
@@ -200,6 +209,7 @@ def fit_record(
     start: FastModel | None = None,
     round_delay: bool = True,
     progress: Callable[[str], None] | None = None,
+    structure: Structure = FULL,
 ) -> IdentifiedAB:
     """Fit A, B, servos and delay to chirps, doublets or sweeps, as `fit_actuators` does to lines.
 
@@ -207,7 +217,7 @@ def fit_record(
     ----------
     record : AperiodicRecord
         d_lat, d_lon, d_ped excited from outside; d_col may be.
-    start, round_delay, progress
+    start, round_delay, progress, structure
         As in `fit_actuators`.
 
     Raises
@@ -216,7 +226,7 @@ def fit_record(
         Its cause and sentence say why.
     """
     attitude = np.asarray(record.attitude_rad, np.float64)[:, :2].mean(axis=0)
-    return _fit(spectra_of_record(record), attitude, start, round_delay, True, progress)
+    return _fit(spectra_of_record(record), attitude, start, round_delay, True, progress, structure)
 
 
 def _fit(
@@ -226,26 +236,27 @@ def _fit(
     round_delay: bool,
     prune: bool,
     progress: Callable[[str], None] | None,
+    structure: Structure,
 ) -> IdentifiedAB:
     coherence = channel_coherence(spectra)
-    names = _names(spectra)
+    names = _names(spectra, structure)
     if 2 * spectra.omega_radps.size * 3 < 2 * len(names):
         raise IdentificationError(
             IdentificationCause.TOO_FEW_LINES,
             f"{spectra.omega_radps.size} lines are excited, {len(names)} parameters need "
             f"at least {-(-len(names) // 3)}",
         )
-    first = start if start is not None else StartSearch(spectra).best()
+    first = start if start is not None else StartSearch(spectra, structure).best()
     if progress is not None:
         progress("start found")
     if prune:
-        selected = select(spectra, names, first, progress)
+        selected = select(spectra, names, first, structure, progress)
     else:
-        problem = Problem([spectra], names, None)
+        problem = Problem([spectra], names, empty_model(structure))
         selected = estimate(problem, values_of(names, first), fine=False, joint=False)
     kept = selected.names
     dropped = tuple(name for name in names if name not in kept)
-    problem = Problem([spectra], kept, None, selected.distortion)
+    problem = Problem([spectra], kept, empty_model(structure), selected.distortion)
     start_values = selected.values
     fitted = estimate(problem, start_values, joint=not round_delay, progress=progress)
     delay_s = float(fitted.values[kept.index(DELAY)])
@@ -258,11 +269,12 @@ def _fit(
         problem = Problem([spectra], kept, base, fitted.distortion)
         fitted = estimate(problem, values_of(kept, base), progress=progress)
         model = problem.model(fitted.values)
-    _check_physical(model)
-    share, sigma = _share_and_sigma(model, spectra, fitted.distortion, (DELAY,))
+    _check_physical(model, structure)
+    share, sigma = _share_and_sigma(model, spectra, fitted.distortion, (DELAY,), structure)
     return _identified(
         model, fitted, sigma | {DELAY: delay_sigma}, share,
         (float(attitude[0]), float(attitude[1])), (delay_s, delay_sigma, ticks), dropped, coherence,
+        structure,
     )  # fmt: skip
 
 
@@ -294,22 +306,27 @@ def refit_actuators(experiment: Experiment, identified: IdentifiedAB, E: Array) 
     problem = Problem([spectra], kept, base, identified.estimate.distortion)
     fitted = estimate(problem, values_of(kept, base))
     model = problem.model(fitted.values)
-    _check_physical(model)
-    share, sigma = _share_and_sigma(model, spectra, fitted.distortion, known)
+    _check_physical(model, identified.structure)
+    share, sigma = _share_and_sigma(model, spectra, fitted.distortion, known, identified.structure)
     delay = (identified.delay_s, identified.delay_s_sigma, identified.delay_ticks)
     return _identified(
         model, fitted, sigma, share, (identified.phi_rad, identified.theta_rad), delay,
-        identified.taken_for_zero, identified.coherence,
+        identified.taken_for_zero, identified.coherence, identified.structure,
     )  # fmt: skip
 
 
-def _names(spectra: Spectra) -> tuple[str, ...]:
+def _names(spectra: Spectra, structure: Structure) -> tuple[str, ...]:
     """Parameters that this excitation can tell."""
-    return actuator_parameters(collective=bool(np.any(spectra.channel == ACTUATORS.index("col"))))
+    collective = bool(np.any(spectra.channel == ACTUATORS.index("col")))
+    return structure.actuator_parameters(collective)
 
 
 def _share_and_sigma(
-    model: FastModel, spectra: Spectra, distortion: float, known: tuple[str, ...]
+    model: FastModel,
+    spectra: Spectra,
+    distortion: float,
+    known: tuple[str, ...],
+    structure: Structure,
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Share of every entry in its row; standard deviations with all entries free but the known.
 
@@ -317,11 +334,11 @@ def _share_and_sigma(
     +- `SIGNIFICANT_SHARE` of its row; equal chance everywhere there has a standard deviation of
     that over sqrt(3).
     """
-    names = _names(spectra)
+    names = _names(spectra, structure)
     share = effect_shares(model, spectra, names)
     free = tuple(name for name in names if not name.startswith(known))
     of_one = effect_shares(model, spectra, free, dict.fromkeys(free, 1.0))
-    small = {n for n in free if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
+    small = {n for n in free if n not in structure.essential and share[n] < SIGNIFICANT_SHARE}
     width = SIGNIFICANT_SHARE / np.sqrt(3.0)
     prior = np.array([width / max(of_one[n], 1e-12) if n in small else np.inf for n in free])
     problem = Problem([spectra], free, model, distortion, prior)
@@ -329,14 +346,15 @@ def _share_and_sigma(
     return share, dict(zip(free, spread.tolist(), strict=True))
 
 
-def _check_physical(model: FastModel) -> None:
+def _check_physical(model: FastModel, structure: Structure = FULL) -> None:
     poles = np.linalg.eigvals(model.A)
     fastest = float(np.max(poles.real))
     if fastest > _FASTEST_GROWTH_1PS:
         raise IdentificationError(
             IdentificationCause.UNSTABLE,
-            f"the fitted rotor and body grow with {fastest:.2f} 1/s, at most "
-            f"{_FASTEST_GROWTH_1PS:g} 1/s is believable",
+            f"the fitted model with the states {', '.join(structure.states)} grows with "
+            f"{fastest:.2f} 1/s, at most {_FASTEST_GROWTH_1PS:g} 1/s is believable: another "
+            "structure may be",
         )
     if model.servo_radps > 240.0 or model.delay_s > 0.99 * LONGEST_DELAY_S:
         raise IdentificationError(
@@ -386,6 +404,7 @@ def _identified(
     delay: tuple[float, float, int],
     dropped: tuple[str, ...],
     coherence: dict[str, float],
+    structure: Structure,
 ) -> IdentifiedAB:
     A, B, _ = full_matrices(model, *attitude)
     A_sigma, B_sigma = np.zeros((9, 9)), np.zeros((9, 3))
@@ -420,6 +439,7 @@ def _identified(
         phi_rad=attitude[0],
         theta_rad=attitude[1],
         fast=model,
+        structure=structure,
     )
 
 
@@ -430,7 +450,7 @@ def refitted(
     return _identified(
         model, fitted, before.sigma | sigma, before.share, (before.phi_rad, before.theta_rad),
         (before.delay_s, before.delay_s_sigma, before.delay_ticks), before.taken_for_zero,
-        before.coherence,
+        before.coherence, before.structure,
     )  # fmt: skip
 
 

@@ -20,16 +20,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from heli_analysis.identification.model import (
-    AIR,
-    DAMPING,
-    DELAY,
-    ESSENTIAL,
-    EXPECTED,
-    SERVO,
-    STATE,
     FastModel,
     assemble,
-    empty_matrices,
+    empty_model,
     place_of,
     transfer,
     values_of,
@@ -44,8 +37,20 @@ from heli_analysis.identification.spectra import (
     U,
     Y,
 )
+from heli_analysis.identification.structure import (
+    DAMPING,
+    DELAY,
+    FAST_NAMES,
+    FLAPPING,
+    FULL,
+    SERVO,
+    STATE,
+    Rotor,
+    Structure,
+)
 from heli_core.errors import IdentificationCause, IdentificationError
-from heli_core.rows import ACTUATOR
+from heli_core.rows import ACTUATOR, ACTUATOR_NAMES
+from heli_core.rows import WIND_NAMES as VELOCITY_NAMES
 from heli_core.ticks import TICK_S
 
 # -------------------------------------------------------------------------------------------------
@@ -60,6 +65,8 @@ _EVALUATIONS = 60
 _AROUND = 6  # lines to either side
 _STEP = {"A": 1e-3, "B": 1e-3, "E": 1e-4}
 BOUNDS = {SERVO: (3.0, 250.0), DAMPING: (0.05, 3.0), DELAY: (0.0, 0.15)}
+DAMPED, DAMPED_BY_1PS = ("A(p,p)", "A(q,q)", "A(r,r)"), (-300.0, 10.0)
+"""Of a quasi-static rotor."""
 LONGEST_DELAY_S = BOUNDS[DELAY][1]
 
 
@@ -106,8 +113,8 @@ class Problem:
     spectra : sequence of Spectra
     names : sequence of str
         Free parameters.
-    base : FastModel, optional
-        Where the other parameters stand; default: zero.
+    base : FastModel
+        Where the other parameters stand, and the structure.
     distortion : float
         What the linear model leaves unexplained because the aircraft is not linear, as a part of
         the response's local RMS; acts as noise that is added to the measured one.
@@ -119,7 +126,7 @@ class Problem:
         self,
         spectra: Sequence[Spectra],
         names: Sequence[str],
-        base: FastModel | None,
+        base: FastModel,
         distortion: float = 0.0,
         prior_sigma: Array | None = None,
     ) -> None:
@@ -226,8 +233,10 @@ def _minimise(
     problem: Problem, start: Array, whiteners: list[ComplexArray] | None, tolerance: float
 ) -> tuple[Array, Array, bool]:
     """(values, Jacobian, converged) of one SciPy least-squares run."""
-    lower = np.array([BOUNDS.get(name, (-np.inf, np.inf))[0] for name in problem.names])
-    upper = np.array([BOUNDS.get(name, (-np.inf, np.inf))[1] for name in problem.names])
+    # a body that follows at once, through the servos' lag alone, is no helicopter
+    rigid = {} if FLAPPING in problem.names else dict.fromkeys(DAMPED, DAMPED_BY_1PS)
+    bounds = [(BOUNDS | rigid).get(name, (-np.inf, np.inf)) for name in problem.names]
+    lower, upper = np.array(bounds, np.float64).reshape(-1, 2).T
     inside = np.clip(start, lower + 1e-6, upper - 1e-6)
 
     def residual(values: Array) -> Array:
@@ -247,7 +256,7 @@ def _minimise(
 def _of_numbers(problem: Problem, values: Array) -> Iterator[None]:
     """SciPy and LAPACK refuse what is not finite by a ValueError: here it is a named cause."""
     try:
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             yield
     except IdentificationError:
         raise
@@ -301,13 +310,15 @@ def estimate(
             values, jacobian, _ = _minimise(problem, before, whiteners, tolerance)
         if progress is not None:
             progress(f"{values.size} parameters, round {number + 1}")
-        problem.distortion = distortion_of(problem, values)
+        with _of_numbers(problem, values):
+            problem.distortion = distortion_of(problem, values)
         settled = np.linalg.norm(jacobian @ (values - before)) < _SETTLED * np.sqrt(values.size)
         if settled and abs(problem.distortion - distortion) <= 0.1 * distortion:
             break
     if joint:
         before = values
-        values, _, converged = _minimise(problem, values, None, tolerance)
+        with _of_numbers(problem, before):
+            values, _, converged = _minimise(problem, values, None, tolerance)
         if not converged or not np.all(np.isfinite(values)):
             raise IdentificationError(
                 IdentificationCause.NOT_CONVERGED,
@@ -318,7 +329,21 @@ def estimate(
 
 
 def summary(problem: Problem, values: Array) -> Estimate:
-    """Covariance, cost and residuals at `values`."""
+    """Covariance, cost and residuals at `values`.
+
+    Raises
+    ------
+    IdentificationError
+        NOT_CONVERGED: the response at `values` is no number.
+    """
+    with _of_numbers(problem, values):
+        found = _summary(problem, values)
+    if not np.isfinite(found.cost):
+        raise _beyond(problem, values)
+    return found
+
+
+def _summary(problem: Problem, values: Array) -> Estimate:
     whiteners = problem.whiteners(values)
     jacobian = problem.jacobian(values, whiteners)
     # the weights are estimates themselves, which costs a factor dof / (dof - 3)
@@ -388,10 +413,13 @@ def urgent(
     return tuple(live[i] for i in taken), at[taken] + step
 
 
-def superfluous(fit: Estimate, limit: float) -> tuple[str, ...]:
-    """Names whose loss raises the cost by less than `limit`, one by one, the least needed first."""
+def superfluous(fit: Estimate, limit: float, kept: frozenset[str] = FULL.kept) -> tuple[str, ...]:
+    """Names but the kept ones whose loss raises the cost by less than `limit`, least needed first.
+
+    One by one.
+    """
     values, covariance = fit.values.copy(), fit.covariance.copy()
-    live = [i for i, name in enumerate(fit.names) if name not in ESSENTIAL | EXPECTED]
+    live = [i for i, name in enumerate(fit.names) if name not in kept]
     dropped = []
     while live:
         ratios = [values[i] ** 2 / max(covariance[i, i], 1e-300) for i in live]
@@ -410,6 +438,7 @@ def select(
     spectra: Spectra,
     names: tuple[str, ...],
     first: FastModel,
+    structure: Structure = FULL,
     progress: Callable[[str], None] | None = None,
 ) -> Estimate:
     """A loosely converged fit of the entries that the data ask for.
@@ -421,23 +450,31 @@ def select(
         All that may be free.
     first : FastModel
         Start.
+    structure : Structure
     """
     limit = float(np.log(6 * spectra.omega_radps.size))
-    kept = tuple(name for name in names if name in ESSENTIAL | EXPECTED)
+    kept = tuple(name for name in names if name in structure.kept)
     start = values_of(kept, first)
     distortion = 0.0
+    if structure != FULL:
+        # what lags there are beyond the structure is no noise: weighed as noise it drives the first
+        # round to a model that is noisier than the record, where all is explained
+        problem = Problem([spectra], kept, empty_model(structure))
+        with _of_numbers(problem, start):
+            distortion = distortion_of(problem, start)
     tried = set()
     for _ in range(_ROUNDS):
-        problem = Problem([spectra], kept, None, distortion)
+        problem = Problem([spectra], kept, empty_model(structure), distortion)
         fit = estimate(problem, start, fine=False, joint=False, progress=progress)
         distortion = fit.distortion
         tried.add(frozenset(kept))
-        drop = superfluous(fit, limit)
+        drop = superfluous(fit, limit, structure.kept)
         if drop:
             kept = tuple(name for name in kept if name not in drop)
             start = fit.values[[fit.names.index(name) for name in kept]]
         else:
-            kept, start = urgent(problem, fit.values, names, limit)
+            with _of_numbers(problem, fit.values):
+                kept, start = urgent(problem, fit.values, names, limit)
         if frozenset(kept) in tried:
             break
     return fit
@@ -448,19 +485,16 @@ def select(
 #
 # Given servos, delay and the flapping matrix, every row of p', q', r' in eq. (10) is linear in the
 # rest: the unmeasured states follow from measured rates and commands, b_s = (s - M)^-1 (-p + ...)
-# and
-# d_int = (K_a d_ped - r)/s. So only the few numbers of servos, delay and flapping are searched
-# for,
-# from several places, and the others are solved for at each step (variable projection: Golub and
-# Pereyra, SIAM J. Numer. Anal. 10, 1973). Equation error is biased by noise; it is a start.
-# Moments
-# act through the disc, so p and q themselves are left out of their rows: A(p,p) and A(q,q) could
-# hardly be told from the flapping rate here.
+# and d_int = (K_a d_ped - r)/s. So only the few numbers of servos, delay and flapping are searched
+# for, from several places, and the others are solved for at each step (variable projection: Golub
+# and Pereyra, SIAM J. Numer. Anal. 10, 1973). Equation error is biased by noise; it is a start.
+# Moments of a rotor with flapping states act through the disc, so p and q themselves are left out
+# of their rows: A(p,p) and A(q,q) could hardly be told from the flapping rate here. A rotor that
+# follows at once has no flapping matrix: servos and delay are all that is searched for.
 # -------------------------------------------------------------------------------------------------
 
 _SERVOS_RADPS = (20.0, 45.0, 90.0)
 _FLAPPING_1PS = (2.0, 6.0, 20.0)
-_CYCLIC, _DIRECT = slice(ACTUATOR.lat, ACTUATOR.ped), slice(ACTUATOR.ped, ACTUATOR.size)
 _LOWEST_RADPS = 1.0  # below, turbulence and drift weigh more than they tell
 
 
@@ -477,7 +511,7 @@ def _is_believable(model: FastModel) -> bool:
 
 
 class _Search(NamedTuple):
-    """What is searched for (6,)."""
+    """What is searched for (6,); of a rotor that follows at once (3,)."""
 
     servo: int = 0  # log of rad/s
     damping: int = 1  # log
@@ -487,55 +521,37 @@ class _Search(NamedTuple):
     b_by_a: int = 5  # A(b_s,a_s)
 
 
-class _TiltRow(NamedTuple):
-    """Coefficients of the rows of p and of q (13,)."""
-
-    disc: int = 0  # the disc as it follows from measured rates
-    by_a: slice = slice(1, 3)  # d_lat, d_lon through a_s
-    by_b: slice = slice(3, 5)  # and through b_s
-    r: int = 5
-    d_int: int = 6
-    pedal: int = 7  # through d_int
-    direct: slice = slice(8, 10)  # d_ped, d_col
-    air: slice = slice(10, 13)  # u, v, w
-
-
-class _YawRow(NamedTuple):
-    """Coefficients of the row of r (8,): those of `_TiltRow` from r on."""
-
-    r: int = 0
-    d_int: int = 1
-    pedal: int = 2
-    direct: slice = slice(3, 5)
-    air: slice = slice(5, 8)
-
-
-_X, _TILT, _YAW = _Search(), _TiltRow(), _YawRow()
+_X = _Search()
+_ACTUATION = 3
+_LOWER = np.array([np.log(3.0), np.log(0.05), 0.0, -200.0, -50.0, -50.0])
+_UPPER = np.array([np.log(250.0), np.log(3.0), 0.15, 0.0, 50.0, 50.0])
+_DISC, _PEDAL = "disc", "pedal through d_int"
 
 
 @dataclass(frozen=True)
 class _Row:
-    """One solved row: regressors' coefficients and what is left."""
+    """One solved row: coefficients by the name of what they multiply, and what is left."""
 
-    coefficients: Array
+    coefficients: dict[str, float]
     left: Array
 
 
-def _solve(rhs: ComplexArray, columns: list[ComplexArray], weight: Array) -> _Row:
-    M = np.column_stack(columns) * weight[:, None]
+def _solve(rhs: ComplexArray, columns: dict[str, ComplexArray], weight: Array) -> _Row:
+    M = np.column_stack(list(columns.values())) * weight[:, None]
     b = rhs * weight
     M, b = np.vstack([M.real, M.imag]), np.concatenate([b.real, b.imag])
     scale = np.linalg.norm(M, axis=0)
     scale[scale == 0.0] = 1.0
     x = np.linalg.lstsq(M / scale, b, rcond=1e-8)[0]
-    return _Row(x / scale, M / scale @ x - b)
+    return _Row(dict(zip(columns, (x / scale).tolist(), strict=True)), M / scale @ x - b)
 
 
 class StartSearch:
     """Equation error on the excited lines as a function of servos, delay and flapping."""
 
-    def __init__(self, spectra: Spectra) -> None:
+    def __init__(self, spectra: Spectra, structure: Structure = FULL) -> None:
         keep = spectra.omega_radps > _LOWEST_RADPS
+        self.structure = structure
         self.s = 1j * spectra.omega_radps[keep]
         z = spectra.z[keep]
         self.y, self.u = z[:, Y], z[:, U]
@@ -554,22 +570,29 @@ class StartSearch:
         """Solved rows p, q, r for x, places of `_Search`."""
         u = self.inputs(np.exp(x[_X.servo]), np.exp(x[_X.damping]), x[_X.delay])
         p, q, r = self.y.T
-        s = self.s
+        s, w = self.s, self.weight.T
+        lat, lon, ped, col = u.T
+        gyro = {"d_int": -r / s, _PEDAL: ped / s} if self.structure.yaw_gyro else {}
+        wind = dict(zip(VELOCITY_NAMES, self.wind.T, strict=True))
+        rest = {"r": r, **gyro, "d_ped": ped, "d_col": col, **wind}
+        if self.structure.rotor is Rotor.QUASI_STATIC:
+            rest |= {"p": p, "q": q, "d_lat": lat, "d_lon": lon}
+            found = [_solve(s * y, rest, weight) for y, weight in zip((p, q, r), w, strict=True)]
+            return found[0], found[1], found[2]
         a, b, c, d = x[_X.flapping], x[_X.a_by_b], x[_X.b_by_a], x[_X.flapping]
         determinant = (s - a) * (s - d) - b * c
         # (s - M)^-1 by rows
         aa, ab, ba, bb = (s - d), b, c, (s - a)
         known_a = (-aa * q - ab * p) / determinant
         known_b = (-ba * q - bb * p) / determinant
-        lat, lon, ped, col = u.T
-        gyro = [-r / s, ped / s, ped, col, *self.wind.T]
-        by_a = [aa * lat, aa * lon, ab * lat, ab * lon]
-        by_b = [ba * lat, ba * lon, bb * lat, bb * lon]
-        w = self.weight.T
+        by_a = {"d_lat to a_s": aa * lat, "d_lon to a_s": aa * lon,
+                "d_lat to b_s": ab * lat, "d_lon to b_s": ab * lon}  # fmt: skip
+        by_b = {"d_lat to a_s": ba * lat, "d_lon to a_s": ba * lon,
+                "d_lat to b_s": bb * lat, "d_lon to b_s": bb * lon}  # fmt: skip
         return (
-            _solve(s * p, [known_b, *(m / determinant for m in by_b), r, *gyro], w[0]),
-            _solve(s * q, [known_a, *(m / determinant for m in by_a), r, *gyro], w[1]),
-            _solve(s * r, [r, *gyro], w[2]),
+            _solve(s * p, {_DISC: known_b, **_over(by_b, determinant), **rest}, w[0]),
+            _solve(s * q, {_DISC: known_a, **_over(by_a, determinant), **rest}, w[1]),
+            _solve(s * r, rest, w[2]),
         )
 
     def residual(self, x: Array) -> Array:
@@ -577,35 +600,64 @@ class StartSearch:
         return np.concatenate([row.left for row in self.rows(x)])
 
     def best(self) -> FastModel:
-        """Best model over all places to start from."""
-        lower = np.array([np.log(3.0), np.log(0.05), 0.0, -200.0, -50.0, -50.0])
-        upper = np.array([np.log(250.0), np.log(3.0), 0.15, 0.0, 50.0, 50.0])
-        fits = []
+        """Best model over all places to start from.
+
+        Raises
+        ------
+        IdentificationError
+            NOT_CONVERGED: from no place does the search lead to numbers.
+        """
+        full = self.structure.rotor is Rotor.FULL
+        size = len(_X) if full else _ACTUATION
+        models: list[tuple[float, FastModel]] = []
         for servo in _SERVOS_RADPS:
-            for flapping in _FLAPPING_1PS:
-                at = np.array([np.log(servo), np.log(0.7), 0.02, -flapping, 0.1, 0.1])
-                fits.append(
-                    least_squares(
-                        self.residual, at, bounds=(lower, upper), x_scale="jac", max_nfev=40
-                    )
-                )
-        models = [self.model(fit.x) for fit in sorted(fits, key=lambda result: result.cost)]
-        return next((model for model in models if _is_believable(model)), models[0])
+            for flapping in _FLAPPING_1PS if full else _FLAPPING_1PS[:1]:
+                at = np.array([np.log(servo), np.log(0.7), 0.02, -flapping, 0.1, 0.1])[:size]
+                try:
+                    fit = least_squares(
+                        self.residual, at, bounds=(_LOWER[:size], _UPPER[:size]), x_scale="jac",
+                        max_nfev=40,
+                    )  # fmt: skip
+                    models.append((float(fit.cost), self.model(fit.x)))
+                except ValueError:  # what is not finite, by SciPy or LAPACK
+                    continue
+        models.sort(key=lambda one: one[0])
+        if not models:
+            raise IdentificationError(
+                IdentificationCause.NOT_CONVERGED,
+                f"from none of {len(_SERVOS_RADPS)} servo frequencies does the search for a start "
+                f"lead to numbers with the states {', '.join(self.structure.states)}",
+            )
+        ranked = [model for _, model in models]
+        return next((model for model in ranked if _is_believable(model)), ranked[0])
 
     def model(self, x: Array) -> FastModel:
         """The fast model of the solved rows; what nothing tells of the yaw gyro is small, not 0."""
-        p, q, r = (row.coefficients for row in self.rows(x))
-        A, B, E = empty_matrices()
-        a_s, b_s = STATE.a_s, STATE.b_s
-        A[a_s, a_s] = A[b_s, b_s] = x[_X.flapping]
-        A[a_s, b_s], A[b_s, a_s] = x[_X.a_by_b], x[_X.b_by_a]
-        A[STATE.p, b_s], A[STATE.q, a_s] = p[_TILT.disc], q[_TILT.disc]
-        B[a_s, _CYCLIC] = q[_TILT.by_a] / q[_TILT.disc]
-        B[b_s, _CYCLIC] = p[_TILT.by_b] / p[_TILT.disc]
-        for row, c, at in ((STATE.p, p, _TILT), (STATE.q, q, _TILT), (STATE.r, r, _YAW)):
-            A[row, STATE.r], A[row, STATE.d_int] = c[at.r], c[at.d_int]
-            B[row, _DIRECT], E[row, AIR.velocity] = c[at.direct], c[at.air]
-        by_gyro = r[_YAW.d_int] or _TINY
-        B[STATE.d_int, ACTUATOR.ped] = r[_YAW.pedal] / by_gyro
+        rows = dict(zip(("p", "q", "r"), (row.coefficients for row in self.rows(x)), strict=True))
+        A, B, E = self.structure.empty_matrices()
+        for name, c in rows.items():
+            row = FAST_NAMES.index(name)
+            for column, value in c.items():
+                if column in FAST_NAMES:
+                    A[row, FAST_NAMES.index(column)] = value
+                elif column in ACTUATOR_NAMES:
+                    B[row, ACTUATOR_NAMES.index(column)] = value
+                elif column in VELOCITY_NAMES:
+                    E[row, VELOCITY_NAMES.index(column)] = value
+        if self.structure.yaw_gyro:
+            by_gyro = rows["r"]["d_int"] or _TINY
+            B[STATE.d_int, ACTUATOR.ped] = rows["r"][_PEDAL] / by_gyro
+        if self.structure.rotor is Rotor.FULL:
+            a_s, b_s = STATE.a_s, STATE.b_s
+            A[a_s, a_s] = A[b_s, b_s] = x[_X.flapping]
+            A[a_s, b_s], A[b_s, a_s] = x[_X.a_by_b], x[_X.b_by_a]
+            for rate, disc, tilt in (("p", b_s, "b_s"), ("q", a_s, "a_s")):
+                gain = A[FAST_NAMES.index(rate), disc] = rows[rate][_DISC]
+                for i, command in ((ACTUATOR.lat, "d_lat"), (ACTUATOR.lon, "d_lon")):
+                    B[disc, i] = rows[rate][f"{command} to {tilt}"] / (gain or _TINY)
         servo, damping = np.exp(x[_X.servo]), np.exp(x[_X.damping])
         return FastModel(A, B, E, float(servo), float(damping), float(x[_X.delay]))
+
+
+def _over(columns: dict[str, ComplexArray], divisor: ComplexArray) -> dict[str, ComplexArray]:
+    return {name: column / divisor for name, column in columns.items()}

@@ -1,18 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which entries of eq. (10) are free, how they are called, and the kinematic rows.
+"""The model of the fast states of eq. (10): its response, its parameters by name, its matrices.
 
-Fixed by kinematics and the definition of the unmeasured states: `a_s' = -q + ...`,
-`b_s' = -p + ...`, `d_int' = -r + ...`. These entries of -1 give a_s, b_s and d_int their scale.
-d_int is the integral of a rate error, eq. (8), so its row holds nothing else but the pedal. Cyclic
-acts through the rotor only, so the rows of p, q, r have no entry for d_lat and d_lon. a_s and b_s
-share one time constant, eq. (6): without that a_s could be swapped for a_s plus a multiple of q,
-which no excitation of the actuators would show, and A(q,q), A(q,a_s), A(a_s,a_s) could not be told
-apart.
+Which of them are free is said by `structure`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,49 +21,26 @@ from heli_analysis.identification.spectra import (
     Spectra,
     U,
 )
+from heli_analysis.identification.structure import (
+    AIR,
+    DAMPING,
+    DELAY,
+    FAST_NAMES,
+    FLAPPING,
+    N_FAST,
+    SCALARS,
+    SERVO,
+    STATE,
+    Structure,
+)
 from heli_core.linear import held_and_linear, held_late, with_servos
 from heli_core.rows import ACTUATOR, ACTUATOR_NAMES, NINE
 from heli_core.rows import WIND_NAMES as VELOCITY_NAMES
 from heli_core.ticks import TICK_S
 
-# -------------------------------------------------------------------------------------------------
-# Places of the fast states of eq. (10), of their inputs, and of the nine states that they are.
-#
-# p, q, a_s, b_s, r, d_int do not depend on phi, theta, psi, which follow from them by kinematics.
-# Inputs of B are `heli_core.rows.ACTUATOR`.
-# -------------------------------------------------------------------------------------------------
-
-
-class FastStates(NamedTuple):
-    """Rows of A, B, E of the fast states (6,)."""
-
-    p: int = 0
-    q: int = 1
-    a_s: int = 2
-    b_s: int = 3
-    r: int = 4
-    d_int: int = 5
-
-
-class AirInputs(NamedTuple):
-    """Columns of E of the fast states (4,): air velocity relative to the aircraft, m/s."""
-
-    u: int = 0
-    v: int = 1
-    w: int = 2
-    velocity: slice = slice(0, 3)  # these three, as in eq. (10)
-    kink: int = 3  # |w|
-    size: int = 4
-
-
-STATE = FastStates()
-AIR = AirInputs()
-N_FAST = len(STATE)
 FAST = slice(NINE.p, NINE.psi)
 """Where the fast states stand within the nine of eq. (10)."""
 RATE_PLACES = [STATE.p, STATE.q, STATE.r]
-ROTOR = slice(STATE.a_s, STATE.r)
-"""a_s and b_s."""
 
 
 # -------------------------------------------------------------------------------------------------
@@ -169,33 +139,11 @@ def _servo_response(Phi: Array, command: ComplexArray, z: ComplexArray) -> Compl
 
 
 # -------------------------------------------------------------------------------------------------
-# Structure.
+# Parameters by name.
 # -------------------------------------------------------------------------------------------------
 
-FAST_NAMES = STATE._fields
 WIND_NAMES = (*VELOCITY_NAMES, "|w|")
 _COLUMNS = {"A": FAST_NAMES, "B": ACTUATOR_NAMES, "E": WIND_NAMES}
-SERVO, DAMPING, DELAY = "servo.frequency_radps", "servo.damping", "delay_s"
-FLAPPING = "flapping.rate_1ps"  # 1/tau of eq. (6): -A(a_s,a_s) and -A(b_s,b_s)
-_SCALARS = (SERVO, DAMPING, DELAY, FLAPPING)
-
-# Without these the model is no helicopter: they are never taken for zero.
-ESSENTIAL = frozenset(
-    {
-        "A(p,b_s)", "A(q,a_s)", "A(r,r)", "A(r,d_int)", "B(b_s,d_lat)", "B(a_s,d_lon)",
-        "B(r,d_ped)", "B(d_int,d_ped)", *_SCALARS,
-    }
-)  # fmt: skip
-
-# What else eq. (6) to (8), a tail rotor above the centre of gravity, a fuselage and a rotor demand.
-# Left out where the data hardly show it, the effect of the aircraft's own drift through the air
-# would be blamed on the small entries of p.
-EXPECTED = frozenset(
-    {
-        "A(a_s,b_s)", "A(b_s,a_s)", "B(a_s,d_lat)", "B(b_s,d_lon)", "A(p,r)", "A(p,d_int)",
-        "B(p,d_ped)", "B(r,d_col)", "E(p,v)", "E(q,w)", "E(r,v)", "E(r,w)",
-    }
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -209,23 +157,10 @@ class MatrixEntry:
 
 def place_of(name: str) -> MatrixEntry | None:
     """Place of a parameter by its name, such as `A(p,b_s)`; None for servo, delay, flapping."""
-    if name in _SCALARS:
+    if name in SCALARS:
         return None
     row, column = name[2:-1].split(",")
     return MatrixEntry(name[0], FAST_NAMES.index(row), _COLUMNS[name[0]].index(column))
-
-
-def actuator_parameters(collective: bool) -> tuple[str, ...]:
-    """Names of the free parameters of the fit to actuator excitation."""
-    rates, rotor = ("p", "q", "r"), ("a_s", "b_s")
-    names = [f"A({row},{column})" for row in rates for column in FAST_NAMES]
-    names += ["A(a_s,b_s)", "A(b_s,a_s)"]
-    names += [f"B({row},{column})" for row in rotor for column in ("d_lat", "d_lon")]
-    names += [f"B({row},d_ped)" for row in (*rates, "d_int")]
-    if collective:
-        names += [f"B({row},d_col)" for row in rates]
-    names += [f"E({row},{column})" for row in rates for column in VELOCITY_NAMES]
-    return (*names, *_SCALARS)
 
 
 def gust_parameters() -> tuple[str, ...]:
@@ -233,22 +168,15 @@ def gust_parameters() -> tuple[str, ...]:
     return (*(f"E({r},{c})" for r in ("p", "q", "r") for c in VELOCITY_NAMES), "E(r,|w|)")
 
 
-def empty_matrices() -> tuple[Array, Array, Array]:
-    """A (6, 6), B (6, 4), E (6, 4) with nothing but what gives a_s, b_s and d_int their scale."""
-    A = np.zeros((N_FAST, N_FAST))
-    A[STATE.a_s, STATE.q] = A[STATE.b_s, STATE.p] = A[STATE.d_int, STATE.r] = -1.0
-    return A, np.zeros((N_FAST, ACTUATOR.size)), np.zeros((N_FAST, AIR.size))
+def empty_model(structure: Structure) -> FastModel:
+    """A model of a structure with nothing but what gives its states their scale."""
+    return FastModel(*structure.empty_matrices(), 40.0, 0.7, 0.0)
 
 
-def assemble(names: Sequence[str], values: Array, base: FastModel | None = None) -> FastModel:
-    """Model with the named entries at `values`; other entries from `base`, or zero."""
-    if base is None:
-        A, B, E = empty_matrices()
-        matrices = {"A": A, "B": B, "E": E}
-        scalars = {SERVO: 40.0, DAMPING: 0.7, DELAY: 0.0}
-    else:
-        matrices = {"A": base.A.copy(), "B": base.B.copy(), "E": base.E.copy()}
-        scalars = {SERVO: base.servo_radps, DAMPING: base.servo_damping, DELAY: base.delay_s}
+def assemble(names: Sequence[str], values: Array, base: FastModel) -> FastModel:
+    """Model with the named entries at `values`, the others as in `base`."""
+    matrices = {"A": base.A.copy(), "B": base.B.copy(), "E": base.E.copy()}
+    scalars = {SERVO: base.servo_radps, DAMPING: base.servo_damping, DELAY: base.delay_s}
     for name, value in zip(names, values, strict=True):
         place = place_of(name)
         if name == FLAPPING:

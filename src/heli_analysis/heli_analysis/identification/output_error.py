@@ -28,10 +28,7 @@ from heli_analysis.identification.actuators import IdentifiedAB, refitted
 from heli_analysis.identification.aperiodic import AperiodicRecord, spectra_of_record
 from heli_analysis.identification.estimator import BOUNDS, Problem, summary
 from heli_analysis.identification.model import (
-    AIR,
-    DELAY,
     FAST_STATES,
-    N_FAST,
     RATE_PLACES,
     FastModel,
     assemble,
@@ -39,6 +36,7 @@ from heli_analysis.identification.model import (
     values_of,
 )
 from heli_analysis.identification.spectra import Array, Experiment, spectra_of
+from heli_analysis.identification.structure import AIR, DELAY, N_FAST
 from heli_core.errors import IdentificationCause, IdentificationError
 from heli_core.linear import held_and_linear, held_late, with_servos
 from heli_core.rows import ACTUATOR

@@ -13,12 +13,14 @@ from rich.console import Console
 from heli_analysis.identification.actuators import IdentifiedAB, fit_record
 from heli_analysis.identification.aperiodic import AperiodicRecord
 from heli_analysis.identification.axis import AxisModel, fit_axis
+from heli_analysis.identification.structure import FULL, Structure
 from heli_core.errors import IdentificationError
 from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_core.rows import INPUT_NAMES, STATE_NAMES
 from heli_core.ticks import TICKS_PER_S
 from heli_flight.report.figures import BLUE, GREY, RED, picture
 from heli_flight.terminal import table
+from heli_studies.identify_methods import print_structure, structure_as_dict
 from heli_studies.logs.info import LogInfo, LogVerdict, Part, on_grid, references_of
 from heli_studies.logs.signals import FlightLog
 
@@ -97,6 +99,7 @@ class FittedLog:
             "A": self.hover.A.tolist(), "B": self.hover.B.tolist(),
             "A_sigma": self.hover.A_sigma.tolist(), "B_sigma": self.hover.B_sigma.tolist(),
             "servo_radps": self.hover.servo_radps, "servo_damping": self.hover.servo_damping,
+            "structure": structure_as_dict(self.hover),
             "delay_s": self.hover.delay_s, "delay_s_sigma": self.hover.delay_s_sigma,
         }  # fmt: skip
         return {
@@ -105,8 +108,8 @@ class FittedLog:
         }  # fmt: skip
 
 
-def fit_log(info: LogInfo) -> FittedLog:
-    """Fit all axes that answer, and eq. (10)."""
+def fit_log(info: LogInfo, structure: Structure = FULL) -> FittedLog:
+    """Fit all axes that answer, and eq. (10) in a structure."""
     axes = []
     for answer in info.answers:
         if answer.part is Part.CROSS:
@@ -125,7 +128,7 @@ def fit_log(info: LogInfo) -> FittedLog:
         axes.append(FittedAxis(answer.output, answer.input, answer.part, model, refused))
     hover, refused = None, ""
     try:
-        hover = fit_record(record_of(info.log))
+        hover = fit_record(record_of(info.log), structure=structure)
     except (IdentificationError, _LacksError) as error:
         refused = str(error)
     return FittedLog(info, tuple(axes), hover, refused)
@@ -212,6 +215,7 @@ def print_fit(fitted: FittedLog, out: Console) -> None:
         out.print(f"no model of eq. (10): {fitted.refused}", markup=False, soft_wrap=True)
     else:
         delay = fitted.hover.delay_s
+        print_structure(fitted.hover, out)
         out.print(f"eq. (10): A and B are in the JSON; transport delay {1e3 * delay:.1f} ms")
 
 
