@@ -137,6 +137,21 @@ def test_a_helicopter_that_is_lost_is_shown_as_lost(flight):
     assert watched(flight, look)["end"] == {"kind": "lost", "text": PlantStatus.HIT_GROUND.sentence}
 
 
+def test_who_looks_to_the_end_sees_it_and_is_known_to_what_follows(flight):
+    async def look(connection):
+        flight.frames(0.5)
+        flight.shown.show(0.0)
+        await of_kind(connection, "state")
+        closing = asyncio.get_running_loop().run_in_executor(None, flight.shown.close)
+        state = await of_kind(connection, "state")
+        await connection.close()
+        await closing
+        return state
+
+    assert watched(flight, look)["end"]["kind"] == "over"
+    assert flight.shown.view.facts == {"page": flight.shown.page.url, "viewers": "1"}
+
+
 def test_a_page_shows_one_vehicle():
     with pytest.raises(ParameterError, match="--vehicles"):
         fly(ArduPilotOrder(vehicles=2, live=LiveOrder(port=0)), Console(quiet=True))
