@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.request
 from contextlib import contextmanager
 
 import pytest
@@ -25,12 +26,12 @@ def waiting(folder, *words):
     command = [*HELI, "ardupilot", "--port", "0", "--out", str(folder), "--no-report", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            ports = []
+            ports, process.pages = [], []
             count = int(words[words.index("--vehicles") + 1]) if "--vehicles" in words else 1
             while len(ports) < count:
-                ports += [
-                    int(port) for port in re.findall(r"1:(\d+): a", process.stdout.readline())
-                ]
+                said = process.stdout.readline()
+                process.pages += re.findall(r"live view: (\S+)", said)
+                ports += [int(port) for port in re.findall(r"1:(\d+): a", said)]
             yield process, ports
         finally:
             process.kill()
@@ -84,6 +85,20 @@ def test_each_vehicle_has_a_port_and_a_folder_and_ctrl_c_ends_all(tmp_path):
     assert results[0]["seed"] != results[1]["seed"]
 
 
+def test_a_flight_is_shown_while_it_is_flown(tmp_path):
+    words = ("--duration", "0.5", "--live", "--live-port", "0")
+    with waiting(tmp_path / "flight", *words) as (process, (port,)):
+        (page,) = process.pages
+        with urllib.request.urlopen(page, timeout=_LIMIT_S) as answer:
+            assert answer.status == 200
+        with client_at(port) as client:
+            for _ in range(200):
+                client.frame(h3_120(0.0, 0.0, 0.3, 0.0))
+        said, _ = process.communicate(timeout=_LIMIT_S)
+        assert process.returncode == 0, said
+    assert page.startswith("http://127.0.0.1:")
+
+
 def test_ended_before_arducopter_came_it_leaves_nothing(tmp_path):
     folder = tmp_path / "none"
     with waiting(folder) as (process, _):
@@ -107,6 +122,8 @@ def test_bad_input_is_one_line(tmp_path, capsys):
         assert f"--port {port}" in refused(capsys, "--port", port, "--out", tmp_path / "a")
     assert not (tmp_path / "a").exists()
     assert "--swash H4" in refused(capsys, "--swash", "H4")
+    assert "--vehicles" in refused(capsys, "--live", "--vehicles", 2, "--out", tmp_path / "a")
+    assert "--live-port" in refused(capsys, "--live-port", 0)
     assert "--imu x" in refused(capsys, "--imu", "x")
     assert "nowhere" in refused(capsys, "--aircraft", "nowhere")
     assert "exists already" in refused(capsys, "--out", tmp_path)

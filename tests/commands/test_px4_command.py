@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.request
 
 import pytest
 
@@ -26,9 +27,13 @@ def waiting(folder, *words):
     """The command, and the port on which it waits."""
     command = [*HELI, "px4", "--port", "0", "--out", str(folder), "--no-report", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        process.pages = []
         try:
-            while not (found := re.findall(r"1:(\d+): PX4", process.stdout.readline())):
+            said = ""
+            while not (found := re.findall(r"1:(\d+): PX4", said)):
                 assert process.poll() is None
+                said = process.stdout.readline()
+                process.pages = [*process.pages, *re.findall(r"live view: (\S+)", said)]
             yield process, int(found[0])
         finally:
             process.kill()
@@ -84,6 +89,19 @@ def test_it_is_flown_and_written_one_that_dies_comes_back_and_a_second_is_turned
     file = again / "params.yaml"
     assert cli.main(["px4", "--print-params", "--params", str(file)]) == 0
     assert cli.main(["hover", "--params", str(file), "--out", str(tmp_path / "b")]) == 2
+
+
+def test_a_flight_is_shown_while_it_is_flown(tmp_path):
+    words = ("--duration", "0.2", "--live", "--live-port", "0")
+    with waiting(tmp_path / "flight", *words) as (process, port):
+        (page,) = process.pages
+        with urllib.request.urlopen(page, timeout=_LIMIT_S) as answer:
+            assert answer.status == 200
+        with connected(port) as (sock, peer):
+            fly(sock, peer, 100)
+        said, _ = process.communicate(timeout=_LIMIT_S)
+        assert process.returncode == 0, said
+    assert page.startswith("http://127.0.0.1:")
 
 
 def test_ended_before_px4_came_it_leaves_nothing(tmp_path):

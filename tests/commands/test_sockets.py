@@ -37,6 +37,7 @@ NARROW = {
     for name in ("mass", "inertia_xx", "inertia_yy", "inertia_zz", "rotor_stiffness", "flapping",
                  "thrust", "servo_speed")
 } | {"flap_back": [0.00029, 0.0003, 0.00031], "delay_ticks": [0.0, 0.0], "gap": 0.5}  # fmt: skip
+PAGE = ["--live", "--live-port", "0"]
 ONE = ["--seeds", "1", "--duration", "3", "--world", "paper"]
 NAMED = "altitude (truth)"
 
@@ -48,7 +49,9 @@ CALLS = {
     "hover --live --foxglove-port": [*LIVE, "--foxglove-port", "0", "--out", "{own}"],
     "replay": ["replay", "{flight}", "--port", "0"],
     "ardupilot": ["ardupilot", "--port", "19002", "--out", "{own}"],
+    "ardupilot --live": ["ardupilot", "--port", "19003", "--out", "{own}", *PAGE],
     "px4": ["px4", "--port", "14560", "--out", "{own}"],
+    "px4 --live": ["px4", "--port", "14561", "--out", "{own}", *PAGE],
     "mavlink": [
         "mavlink", "--local-port", "19551", "--port", "19550", "--duration", "1",
         "--world", "paper",
@@ -114,7 +117,9 @@ MAKES_DOCUMENTS = {"results make", "results check", "results render"}
 TO_SEND = "udp of a free port"
 """Of Fast DDS: nobody reads what comes there."""
 _WITHOUT_A_GRAPH = {"echo", "fault", "takeoff", "goto", "land", "mode"}
-_ENDED_BY_A_KEY = {"ardupilot", "px4", "replay", "run", "joy"}
+_ENDED_BY_A_KEY = {
+    "ardupilot", "ardupilot --live", "px4", "px4 --live", "replay", "run", "joy",
+}  # fmt: skip
 SETS_REACH = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS",
     "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE",
@@ -195,7 +200,8 @@ def run(shim, log, words):
         os.close(slave)
         try:
             if words[0] in _ENDED_BY_A_KEY:
-                while not listed()[words[0]] <= addresses_in(log):
+                name = f"{words[0]} --live" if "--live" in words else words[0]
+                while not listed()[name] <= addresses_in(log):
                     with contextlib.suppress(subprocess.TimeoutExpired):
                         process.wait(0.02)
                         break

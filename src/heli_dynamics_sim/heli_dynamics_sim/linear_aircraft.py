@@ -320,6 +320,65 @@ def find_linear(path: str | Path) -> Path:
     raise AircraftError(f"no such linear aircraft{hint}", ParameterCause.UNREADABLE, where=text)
 
 
+class Entry(NamedTuple):
+    """A place in A or B of a file: its matrix, and the names of its row and column."""
+
+    matrix: str
+    row: str
+    column: str
+
+
+_KNOWN_ENTRIES = (Entry("A", "a_s", "q"), Entry("A", "b_s", "p"))
+
+
+def attitude_entries(tree: Any) -> dict[Entry, float]:
+    """Entries of a file that move the attitude and are the aircraft's, as they stand there.
+
+    Those of the rates and the disc, by rates, disc, gyro, d_lat, d_lon and d_ped. Left out is what
+    is known: that the disc turns with the body, and a gyro's electronics.
+
+    Parameters
+    ----------
+    tree : dict
+        Content of a file that `LinearAircraft.from_yaml` takes.
+    """
+    states = _states(_given(tree, "states"))
+    turning = [name for name in states if name in STATES[LINEAR.turning]]
+    of_aircraft = [name for name in turning if name != "d_int"]
+    levers = [name for i, name in enumerate(ACTUATOR_NAMES) if i != ACTUATOR.col]
+    A, B = _matrix(tree, "A", states, states), _matrix(tree, "B", states, ACTUATOR_NAMES)
+    places = [Entry("A", row, column) for row in of_aircraft for column in turning]
+    places += [Entry("B", row, lever) for row in of_aircraft for lever in levers]
+    found = {}
+    for place in places:
+        matrix, columns = (A, STATES) if place.matrix == "A" else (B, ACTUATOR_NAMES)
+        value = float(matrix[STATES.index(place.row), columns.index(place.column)])
+        if value and place not in _KNOWN_ENTRIES:
+            found[place] = value
+    return found
+
+
+def with_entries(tree: Any, values: Mapping[Entry, float], where: str = "") -> LinearAircraft:
+    """The aircraft of a file's content with other entries in its A and B.
+
+    Raises
+    ------
+    AircraftError
+        With them it is no helicopter about hover.
+    """
+    states = _states(_given(tree, "states"))
+    rows: dict[str, dict[str, dict[str, float]]] = {}
+    for name, columns, names in (("A", states, STATES), ("B", ACTUATOR_NAMES, ACTUATOR_NAMES)):
+        matrix = _matrix(tree, name, states, columns)
+        rows[name] = {
+            row: {c: float(matrix[STATES.index(row), names.index(c)]) for c in columns}
+            for row in states
+        }
+    for place, value in values.items():
+        rows[place.matrix][place.row][place.column] = value
+    return _of_tree({**tree, **rows}, where)
+
+
 def _of_tree(tree: Any, where: str) -> LinearAircraft:
     _mapping(tree, "the file", _KNOWN)
     texts = {key: _text(tree, key) for key in _TEXTS}

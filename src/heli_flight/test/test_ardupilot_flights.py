@@ -73,7 +73,7 @@ def flown(tmp_path_factory):
     line = Meter(vehicle).line(10**9)
     vehicle.close()
     (flight,) = vehicle.flights
-    (done,) = server._written(order, settings, flight, Console(quiet=True), said.append)
+    (done,) = server._written(order, settings, flight, Console(quiet=True))
     return folder, states, line, done
 
 

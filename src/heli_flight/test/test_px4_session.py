@@ -60,6 +60,15 @@ class Pair:
         assert self.send(self.peer.answer(*controls, **more)) == 1
 
 
+def test_what_px4_flies_is_watched_step_by_step():
+    pair, ticks = Pair(), []
+    pair.flight.watch = lambda physics: ticks.append(physics.tick)
+    for _ in range(3):
+        pair.step(armed=False)
+    pair.session.miss()
+    assert ticks == [1, 2, 3, 4]
+
+
 @pytest.mark.parametrize("counts_from_first", [True, False])
 def test_each_answer_is_one_step_and_one_hil_sensor(counts_from_first):
     pair = Pair(counts_from_first=counts_from_first)

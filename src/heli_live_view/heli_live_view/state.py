@@ -411,10 +411,19 @@ class LiveState:
         Wall time after which a value that is not renewed is no longer shown.
     windows_s : sequence of float
         Pairs of flight times that are scored; none: unknown.
+    autopilot : str
+        Name of another autopilot that flies, whose modes are not known; empty: ours.
     """
 
-    def __init__(self, start_ns: int, stale_s: float, windows_s: Sequence[float] = ()) -> None:
+    def __init__(
+        self,
+        start_ns: int,
+        stale_s: float,
+        windows_s: Sequence[float] = (),
+        autopilot: str = "",
+    ) -> None:
         self.start_ns, self.stale_s, self._windows_s = start_ns, stale_s, windows_s
+        self._autopilot = autopilot
         self.reset()
 
     def reset(self) -> None:
@@ -551,11 +560,16 @@ class LiveState:
         return self._values[topic][0]
 
     def mode(self, wall_s: float) -> str:
-        """hover, attitude, idle or over, by who sends: an inactive node sends nothing."""
+        """hover, attitude, idle or over, by who sends: an inactive node sends nothing.
+
+        Of another autopilot that sends, its name.
+        """
         if self.end:
             return "over"
         if not self.is_fresh(topics.ACTUATORS, wall_s):
             return "idle"
+        if self._autopilot:
+            return self._autopilot
         return "hover" if self.is_fresh(topics.ATTITUDE_SETPOINT, wall_s) else "attitude"
 
     def real_time_factor(self) -> float | None:
@@ -787,6 +801,8 @@ class Screen:
         Message stamp of tick 0.
     commands : bool
         Whether commands are admitted.
+    autopilot : str
+        Name of another autopilot that flies; empty: ours.
 
     Attributes
     ----------
@@ -797,11 +813,13 @@ class Screen:
         Who carries commands out, once there is one.
     """
 
-    def __init__(self, values: Mapping[str, Any], start_ns: int, commands: bool) -> None:
+    def __init__(
+        self, values: Mapping[str, Any], start_ns: int, commands: bool, autopilot: str = ""
+    ) -> None:
         self._values, self._commands = values, commands
         self._history, self._past_events = History(), list[dict[str, Any]]()
         windows_s = values["flight.windows_s"].ravel().tolist()
-        self.live = LiveState(start_ns, values["stale_s"], windows_s)
+        self.live = LiveState(start_ns, values["stale_s"], windows_s, autopilot)
         self.foxglove_url: str | None = None
         self.commander: TakesCommands | None = None
 

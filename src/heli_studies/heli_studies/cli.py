@@ -26,6 +26,8 @@ from heli_flight.cli.common import (
 from heli_studies.tune_command import TUNE_EPILOG, tune
 
 if TYPE_CHECKING:
+    from heli_flight.settings import Settings
+
     pass
 from heli_studies.cli_campaign import (
     RARE_EPILOG,
@@ -344,16 +346,28 @@ def design(
 
 ROBUST_EPILOG = (
     "\b\nexample:\n  heli robust --out proof\n"
-    "  heli robust --control-preset paper --fly --params ranges.yaml"
+    "  heli robust --control-preset paper --fly --params ranges.yaml\n"
+    "  heli robust --aircraft blade360"
 )
 
 
 def robust(
     laws: ControlPreset = None,
     params: Params = None,
+    aircraft: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="published linear aircraft, with the controllers designed for each: all, or "
+            "names with commas between",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="folder for robust.json and box.png; must not exist"),
+        typer.Option(
+            metavar="DIR",
+            help="folder for robust.json and, of an aircraft file, box.png; must not exist",
+        ),
     ] = None,
     fly: Annotated[
         bool,
@@ -361,19 +375,31 @@ def robust(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Prove the attitude loop stable for every aircraft of a set (section robust of a file)."""
+    """Prove the attitude loop stable for every aircraft of a set (section robust of a file).
+
+    Of a linear aircraft: margins, and entries of A and B up to 30 % off, sampled.
+    """
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_core.rcl_yaml import ParameterError
     from heli_flight.settings import resolve
     from heli_flight.terminal import answer, being_filled, json_text, refuse_existing, steps
     from heli_studies import robust as prove
-    from heli_studies.design.linear import refuse_unphysical
     from heli_studies.robust import read_ranges
 
     refuse_existing(out)
+    if aircraft is not None and (params or laws or fly):
+        raise ParameterError("--aircraft: goes with none of --params, --control-preset, --fly")
+    if aircraft is not None:
+        from heli_studies.published import names_of
+
+        return _robust_linear(names_of(aircraft), None, out, as_json)
     asked = read_ranges(params or [])
     settings = resolve(params=params or [], laws=laws).at_100_hz("heli robust")
-    refuse_unphysical(settings.nodes["plant"])
+    if settings.nodes["plant"]["linear_model"]:
+        if fly:
+            raise ParameterError("--fly: flies an aircraft file; the plant is a linear aircraft")
+        return _robust_linear([], settings, out, as_json)
     with steps("delays", len(asked.delays_ticks)) as progress:
         proof = prove.prove(settings, asked, progress, fly)
     if out is not None:
@@ -382,6 +408,22 @@ def robust(
             write_whole(out / "robust.json", json_text(prove.as_dict(proof)))
     written = f"written: {out}" if out else ""
     return answer(prove.as_dict(proof), as_json, partial(prove.print_proof, proof), written)
+
+
+def _robust_linear(
+    names: list[str], settings: "Settings | None", out: Path | None, as_json: bool
+) -> int:
+    """Of packaged names with what is designed for them, or of the settings' own."""
+    from heli_flight.terminal import answer, being_filled, json_text
+    from heli_studies.robust_linear import as_dict, judged, print_robustness, robustness_of
+
+    found = robustness_of(names) if settings is None else [judged(settings)]
+    content = {"rows": [as_dict(one) for one in found]}
+    if out is not None:
+        with being_filled(out):
+            write_whole(out / "robust.json", json_text(content))
+    written = f"written: {out}" if out else ""
+    return answer(content, as_json, partial(print_robustness, found), written)
 
 
 # -------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ knows, and after it result.json and the report, as every flight has them.
 What it estimates is not in its protocol: there is no `odom`, and nothing to score by it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_bags.writer import BagRecorder
-from heli_core.rows import JOINTS, PLANT
-from heli_core.ticks import TICK_NS, Rate, stamp_at
+from heli_bags.writer import BagError, BagRecorder
+from heli_core.rows import PLANT
+from heli_core.ticks import NS_PER_S, TICK_NS, Rate, stamp_at
 from heli_dynamics_sim.config import message_variances
-from heli_flight.ardupilot.physics import STEP
+from heli_dynamics_sim.plant import PlantStatus
+from heli_flight.ardupilot.physics import STEP, Physics
 from heli_flight.flight_file import NAME, write_parameters
 from heli_flight.report.write import RecordedFlight, recorded
 from heli_flight.result import write_result
@@ -29,6 +30,13 @@ _TOPICS = (
     topics.IMU, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR, topics.ACTUATORS,
 )  # fmt: skip
 _JOINTS = np.r_[PLANT.rotor, PLANT.servo]
+
+
+def rows_of(row: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """What was at a step (a `StepRow`), by the topic that tells it."""
+    x = row[STEP.plant]
+    parts = (row[STEP.imu], x, row[STEP.wind], x[_JOINTS], row[STEP.u])
+    return dict(zip(_TOPICS, parts, strict=True))
 
 
 class FlightFolder:
@@ -57,7 +65,6 @@ class FlightFolder:
         self._encoders = {
             name: Encoder(name, variances if name == topics.IMU else ()) for name in _TOPICS
         }
-        self._joints = np.zeros(JOINTS.size)
         self._bag = BagRecorder(folder / "bag", _TOPICS, start_ns=self._start_ns)
         self.ticks = 0
 
@@ -66,11 +73,8 @@ class FlightFolder:
         tick, rest = divmod(step, self._rate.fold)
         if rest:
             return
-        x = row[STEP.plant]
-        self._joints[:] = x[_JOINTS]
-        parts = (row[STEP.imu], x, row[STEP.wind], self._joints, row[STEP.u])
         stamp_ns = self._start_ns + tick * TICK_NS
-        for name, part in zip(_TOPICS, parts, strict=True):
+        for name, part in rows_of(row).items():
             self._bag.write(name, bytes(self._encoders[name].encode(part, stamp_ns)))
         self.ticks = tick + 1
 
@@ -81,6 +85,73 @@ class FlightFolder:
     def close(self) -> None:
         """Have the bag open everywhere."""
         self._bag.close()
+
+
+@dataclass
+class FlightUnderWay:
+    """A flight of another autopilot, under way or ended.
+
+    Attributes
+    ----------
+    physics : Physics
+    folder : FlightFolder or None
+        None: nothing is recorded.
+    begun_ns, newest_ns : int
+        Wall time of its beginning and of what was heard last, of a clock that only goes on.
+    watch : callable or None
+        Given the physics after each step; must not wait.
+    notes : list of str
+        What the reader should know, each said once.
+    """
+
+    physics: Physics
+    folder: FlightFolder | None
+    begun_ns: int = 0
+    newest_ns: int = 0
+    watch: Callable[[Physics], None] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def flown_s(self) -> float:
+        """Flight time."""
+        return self.physics.rate.time_ns(self.physics.tick) / NS_PER_S
+
+    @property
+    def loss(self) -> str:
+        """Why the helicopter was lost, one sentence; empty if it was not."""
+        status = self.physics.status
+        return "" if status == PlantStatus.OK else status.sentence
+
+    def keep(self, tell: Callable[[str, str], None]) -> None:
+        """Record and show the step that was made; `tell` takes a kind and a sentence."""
+        physics = self.physics
+        if self.watch is not None:
+            self.watch(physics)
+        if self.loss:
+            tell("lost", f"LOST after {self.flown_s:.2f} s: {self.loss}")
+        elif self.folder is not None:
+            try:
+                self.folder.write(physics.tick - 1, physics.row)
+            except BagError as error:
+                tell("bag", str(error))
+                self.folder = None
+
+    def flush(self, tell: Callable[[str, str], None]) -> None:
+        """Have what is recorded so far outlive this process."""
+        if self.folder is not None:
+            try:
+                self.folder.flush()
+            except BagError as error:
+                tell("bag", str(error))
+                self.folder = None
+
+    def close(self, tell: Callable[[str, str], None]) -> None:
+        """Close the bag; what is in the folder stays a flight."""
+        if self.folder is not None:
+            try:
+                self.folder.close()
+            except BagError as error:
+                tell("bag", str(error))
 
 
 @dataclass(frozen=True)

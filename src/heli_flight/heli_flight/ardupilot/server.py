@@ -5,7 +5,7 @@ import contextlib
 import selectors
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,23 @@ from heli_core.jit import is_compiled
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import NS_PER_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters
-from heli_dynamics_sim.plant import PlantStatus
 from heli_flight import interrupts
+from heli_flight.ardupilot import live
 from heli_flight.ardupilot import physics as physics_kernels
 from heli_flight.ardupilot.physics import Physics
 from heli_flight.ardupilot.protocol import PORT, PORT_STEP
-from heli_flight.ardupilot.recording import FlightFacts, FlightFolder, finished
+from heli_flight.ardupilot.recording import (
+    FlightFacts,
+    FlightFolder,
+    FlightUnderWay,
+    finished,
+)
 from heli_flight.ardupilot.servos import ServoNumbers, parameters, read_file, servo_numbers
 from heli_flight.ardupilot.session import Flown, Meter, Vehicle
 from heli_flight.flight_file import read_faults
 from heli_flight.fly import FinishedFlight, UnwrittenFlight, free_name, report_of_flight
-from heli_flight.layers import ARDUPILOT, section_of
+from heli_flight.graph.live import LiveOrder
+from heli_flight.layers import ARDUPILOT, AUTOPILOTS, section_of
 from heli_flight.result import print_table
 from heli_flight.settings import MOST_AIRCRAFT, Settings, resolve, seed_of
 from heli_flight.terminal import refuse_existing
@@ -68,6 +74,8 @@ class ArduPilotOrder:
     out : Path, optional
         Folder to make.
     report : bool
+    live : LiveOrder, optional
+        That the flight is to be shown; of one vehicle only.
     """
 
     aircraft: str | None = None
@@ -83,6 +91,7 @@ class ArduPilotOrder:
     faults: Path | None = None
     out: Path | None = None
     report: bool = True
+    live: LiveOrder | None = None
 
     def resolved(self, seed: int | None = None, duration_s: float | None = None) -> Settings:
         """What is flown, or with another seed and length; raises ParameterError."""
@@ -263,13 +272,15 @@ def fly(order: ArduPilotOrder, out: Console) -> list[FinishedFlight]:
 
     Raises
     ------
-    ParameterError, TrimError, AircraftError, PlantConfigError, OSError
+    ParameterError, TrimError, AircraftError, PlantConfigError, OSError, MissingFileError
         Bad input; nothing has been written.
     """
 
     def say(line: str) -> None:
         out.print(line, highlight=False, soft_wrap=True, markup=False)
 
+    if order.live and order.vehicles > 1:
+        raise ParameterError("--live: shows one aircraft; it does not go with --vehicles")
     if not 1 <= order.vehicles <= MOST_AIRCRAFT:
         raise ParameterError(f"--vehicles {order.vehicles}: allowed are 1 to {MOST_AIRCRAFT}")
     refuse_existing(order.out)
@@ -290,6 +301,9 @@ def fly(order: ArduPilotOrder, out: Console) -> list[FinishedFlight]:
         ]
         if not is_compiled(physics_kernels.step):
             say(COMPILES)
+        shown = live.opened(order.live, base, say)
+        if shown is not None:
+            sockets.callback(shown.close)
         for one in settings:
             Physics(one, Rate.at_least(_WARM_HZ), servos, order.measured)
         doors = [
@@ -297,6 +311,7 @@ def fly(order: ArduPilotOrder, out: Console) -> list[FinishedFlight]:
                 _flights(one, servos, order.measured, folder / name if several else folder),
                 _named(say, name) if several else say,
                 one.scenario_parameters["duration_s"],
+                None if shown is None else shown.watch,
             ))
             for name, sock, one in zip(names, socks, settings, strict=True)
         ]  # fmt: skip
@@ -311,7 +326,9 @@ def fly(order: ArduPilotOrder, out: Console) -> list[FinishedFlight]:
     for door, one in zip(doors, settings, strict=True):
         door.vehicle.close()
         for flight in door.vehicle.flights:
-            done += _written(order, one, flight, out, say)
+            done += _written(order, one, flight, out)
+    if done:
+        live.stay(shown, done[-1].folder, say)
     return done
 
 
@@ -335,43 +352,54 @@ def _flights(
 
 
 def _written(
-    order: ArduPilotOrder,
-    settings: Settings,
-    flight: Flown,
-    out: Console,
-    say: Callable[[str], None],
+    order: ArduPilotOrder, settings: Settings, flight: Flown, out: Console
 ) -> list[FinishedFlight]:
     """Result and report of a flight; none of one that ended before its first tick."""
-    folder, physics = flight.folder, flight.physics
-    if folder is None or not folder.ticks:
-        return []
-    seconds = folder.ticks * physics.rate.fold * physics.rate.tick_s
-    flown = order.resolved(settings.seed, max(seconds, 0.04))
-    wall_s = (flight.newest_ns - flight.begun_ns) / NS_PER_S
-    lost = "" if physics.status == PlantStatus.OK else physics.status.sentence
-    numbers = {
-        "steps_per_s": physics.rate.hz, "frames": physics.tick, "lost": flight.lost,
-        "repeated": flight.repeated,
+    counted = {
+        "frames": flight.physics.tick, "lost": flight.lost, "repeated": flight.repeated,
         "refused": {cause.name.lower(): count for cause, count in flight.refused.items()},
     }  # fmt: skip
-    facts = FlightFacts(lost, wall_s, tuple(flight.notes), numbers)
-    outcome = written(folder, flown, facts, order.report, out)
-    say(f"{seconds:.2f} s flown by ArduPilot at {physics.rate.hz} Hz in {wall_s:.2f} s")
-    say(f"written: {folder.path}")
-    return [outcome]
+    return written(
+        flight, counted, lambda length_s: order.resolved(settings.seed, length_s), order.report, out
+    )
 
 
 def written(
-    folder: FlightFolder, flown: Settings, facts: FlightFacts, report: bool, out: Console
-) -> FinishedFlight:
-    """Result and report of a flight that has ended; `flown`: of the length that was flown."""
+    flight: FlightUnderWay,
+    counted: Mapping[str, Any],
+    resolved: Callable[[float], Settings],
+    report: bool,
+    out: Console,
+) -> list[FinishedFlight]:
+    """Result and report of a flight that has ended; none if it has before its first tick.
+
+    Parameters
+    ----------
+    flight : FlightUnderWay
+    counted : mapping
+        What was counted in it, for result.json.
+    resolved : callable
+        Gives its settings for the length that was flown, s.
+    report : bool
+    out : Console
+    """
+    folder, rate = flight.folder, flight.physics.rate
+    if folder is None or not folder.ticks:
+        return []
 
     def say(line: str) -> None:
         out.print(line, highlight=False, soft_wrap=True, markup=False)
 
-    done = finished(folder, flown, facts)
+    seconds = folder.ticks * rate.fold * rate.tick_s
+    flown = resolved(max(seconds, 0.04))
+    wall_s = max(flight.newest_ns - flight.begun_ns, 0) / NS_PER_S
+    numbers = {"steps_per_s": rate.hz, **counted}
+    done = finished(folder, flown, FlightFacts(flight.loss, wall_s, tuple(flight.notes), numbers))
     print_table(done.result, flown, out)
     if report:
         unwritten = UnwrittenFlight(done.result, {"mode": flown.mode}, done.record, done.remarks)
         report_of_flight(unwritten, flown, folder.path, say, False)
-    return FinishedFlight(flown, done.result, folder.path)
+    by = AUTOPILOTS[flown.mode]
+    say(f"{seconds:.2f} s flown by {by} at {rate.hz} Hz in {wall_s:.2f} s")
+    say(f"written: {folder.path}")
+    return [FinishedFlight(flown, done.result, folder.path)]

@@ -13,9 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_bags.writer import BagError
 from heli_core.ticks import NS_PER_S, Rate
-from heli_dynamics_sim.plant import PlantStatus
 from heli_flight.ardupilot.physics import Physics
 from heli_flight.ardupilot.protocol import (
     REPLY,
@@ -25,7 +23,7 @@ from heli_flight.ardupilot.protocol import (
     read_packet,
     reply,
 )
-from heli_flight.ardupilot.recording import FlightFolder
+from heli_flight.ardupilot.recording import FlightFolder, FlightUnderWay
 from heli_flight.ardupilot.servos import ROTOR_CHANNEL
 
 SILENT_NS = 2 * NS_PER_S
@@ -43,41 +41,22 @@ MULTICOPTER = (
 
 
 @dataclass
-class Flown:
-    """A flight, under way or ended, and what was counted in it.
+class Flown(FlightUnderWay):
+    """A flight and what was counted in it.
 
     Attributes
     ----------
-    physics : Physics
-    folder : FlightFolder or None
-        None: nothing is recorded.
-    begun_ns : int
-        Wall time of its first packet, of a clock that only goes on.
-    newest_ns : int
-        And of the newest.
     repeated : int
         Packets that were answered again.
     lost : int
         Frames that never came.
     refused : Counter
         Packets without an answer, by cause.
-    notes : list of str
-        What the reader should know, each said once.
     """
 
-    physics: Physics
-    folder: FlightFolder | None
-    begun_ns: int
-    newest_ns: int
     repeated: int = 0
     lost: int = 0
     refused: Counter[RefusedCause] = field(default_factory=Counter)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def flown_s(self) -> float:
-        """Flight time."""
-        return self.physics.rate.time_ns(self.physics.tick) / NS_PER_S
 
 
 class _Newest(NamedTuple):
@@ -98,6 +77,8 @@ class Vehicle:
         Takes a line for the user.
     longest_s : float
         Flight time after which it answers no more.
+    watch : callable, optional
+        Given the physics after each step; must not wait.
 
     Attributes
     ----------
@@ -114,10 +95,12 @@ class Vehicle:
         begin: Callable[[Rate], tuple[Physics, FlightFolder | None]],
         say: Callable[[str], None],
         longest_s: float = float("inf"),
+        watch: Callable[[Physics], None] | None = None,
     ) -> None:
         self.flights: list[Flown] = []
         self.refused: Counter[RefusedCause] = Counter()
         self._begin_flight, self._say, self._longest_s = begin, say, longest_s
+        self._watch = watch
         self._owner: Address | None = None
         self._newest = _Newest(-1, b"")
         self.pulse_us = np.zeros(_SERVOS)
@@ -182,7 +165,7 @@ class Vehicle:
         self._owner, self._told = sender, set()
         self._newest = _Newest(-1, b"")
         self.pulse_us[:], self._motors = 0.0, False
-        self.flights.append(Flown(physics, folder, now_ns, now_ns))
+        self.flights.append(Flown(physics, folder, now_ns, now_ns, self._watch))
         self._say(
             f"ArduPilot on port {sender[1]} asks for {packet.frame_rate_hz} Hz; the plant steps at "
             f"{rate.hz} Hz"
@@ -192,10 +175,7 @@ class Vehicle:
         flight = self.flights[-1]
         physics = flight.physics
         physics.step(self.pulse_us, self._hear(packet.pulse_us))
-        if flight.folder is not None and physics.status == PlantStatus.OK:
-            self._record(flight, physics)
-        if physics.status != PlantStatus.OK:
-            self._tell("lost", f"LOST after {flight.flown_s:.2f} s: {physics.status.sentence}")
+        flight.keep(self._tell)
         text = reply(physics.rate.time_ns(physics.tick), physics.told)
         flight.newest_ns, self._newest = now_ns, _Newest(packet.frame_count, text)
         return text
@@ -220,14 +200,6 @@ class Vehicle:
             self._tell("motors", MULTICOPTER)
         return not self._motors and bool(held.all())
 
-    def _record(self, flight: Flown, physics: Physics) -> None:
-        assert flight.folder is not None
-        try:
-            flight.folder.write(physics.tick - 1, physics.row)
-        except BagError as error:
-            self._tell("bag", str(error))
-            flight.folder = None
-
     def _tell(self, what: str, sentence: str) -> None:
         """Say a sentence, each of its kind once in a flight."""
         if what in self._told:
@@ -239,20 +211,13 @@ class Vehicle:
 
     def close(self) -> None:
         """Close the bag of the flight that is under way."""
-        if self.flights and self.flights[-1].folder is not None:
-            try:
-                self.flights[-1].folder.close()
-            except BagError as error:
-                self._tell("bag", str(error))
+        if self.flights:
+            self.flights[-1].close(self._tell)
 
     def flush(self) -> None:
         """Have what is recorded so far outlive this process."""
-        if self.flights and self.flights[-1].folder is not None:
-            try:
-                self.flights[-1].folder.flush()
-            except BagError as error:
-                self._tell("bag", str(error))
-                self.flights[-1].folder = None
+        if self.flights:
+            self.flights[-1].flush(self._tell)
 
 
 class Meter:

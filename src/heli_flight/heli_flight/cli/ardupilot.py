@@ -9,13 +9,16 @@ import typer
 from heli_flight.cli.common import (
     Aircraft,
     AutopilotDuration,
+    AutopilotLive,
     Faults,
+    LivePort,
     NewFolder,
     NoReport,
     Params,
     WindSeed,
     World,
     beginning,
+    live_order,
 )
 
 _PLATES = ("H3_120", "H3_140", "H1")
@@ -89,6 +92,8 @@ def ardupilot(
     duration: AutopilotDuration = None,
     out: NewFolder = None,
     no_report: NoReport = False,
+    live: AutopilotLive = False,
+    live_port: LivePort = None,
     print_params: Annotated[
         bool,
         typer.Option(
@@ -109,7 +114,7 @@ def ardupilot(
             raise ParameterError(f"{name} {value}: unknown; known: {', '.join(known)}")
     order = ArduPilotOrder(
         aircraft, swash, parm, imu == "measured", port, vehicles, world, seed, duration,
-        params or (), faults, out, not no_report,
+        params or (), faults, out, not no_report, live_order(live, live_port, not no_report),
     )  # fmt: skip
     if print_params:
         settings = order.resolved()

@@ -416,6 +416,11 @@ AutopilotDuration = Annotated[
     float | None,
     typer.Option("--duration", metavar="S", help="flight time after which it ends (default: 3600)"),
 ]
+AutopilotLive = Annotated[bool, typer.Option("--live", help="show the flight in a browser")]
+LivePort = Annotated[
+    int | None,
+    typer.Option(metavar="PORT", help="with --live: port of the page, 0: any (default 8080)"),
+]
 NewFolder = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="folder to write; must not exist")
 ]
@@ -474,3 +479,27 @@ Aircraft = Annotated[
         autocompletion=aircraft,
     ),
 ]
+
+
+def live_order(
+    live: bool,
+    port: int | None,
+    report: bool,
+    foxglove_port: int | None = None,
+    allow_commands: bool = False,
+    wait: bool = False,
+) -> Any:
+    """The live view that is asked for, None for none; its options need --live."""
+    from heli_core.rcl_yaml import ParameterError
+    from heli_flight.graph.live import LiveOrder
+
+    needs_live = {
+        "--live-port": port is not None,
+        "--foxglove-port": foxglove_port is not None,
+        "--allow-commands": allow_commands,
+        "--live-wait": wait,
+    }
+    for name, is_set in needs_live.items():
+        if is_set and not live:
+            raise ParameterError(f"{name}: needs --live")
+    return LiveOrder(port, foxglove_port, allow_commands, wait, report) if live else None

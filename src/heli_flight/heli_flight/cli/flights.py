@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,11 +24,13 @@ from heli_flight.cli.common import (
     FlightNumber,
     Gps,
     Json,
+    LivePort,
     Params,
     RecordedGps,
     RecordedScenario,
     ScenarioName,
     World,
+    live_order,
 )
 
 if TYPE_CHECKING:
@@ -123,10 +125,6 @@ Live = Annotated[
     bool,
     typer.Option("--live", help="show the flight in a browser; in real time"),
 ]
-LivePort = Annotated[
-    int | None,
-    typer.Option(metavar="PORT", help="with --live: port of the page, 0: any (default 8080)"),
-]
 FoxglovePort = Annotated[
     int | None,
     typer.Option(
@@ -197,7 +195,7 @@ def hover(
         raise ParameterError("--figures: draws the report's charts; not with --no-report")
     modes = {"--realtime": realtime, "--live": live, "--lockstep": lockstep}
     modes["--one-process"] = one_process
-    watched = _live(live, live_port, foxglove_port, allow_commands, live_wait, not no_report)
+    watched = live_order(live, live_port, not no_report, foxglove_port, allow_commands, live_wait)
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
         watched, world, laws, composed, rate, figures, faults, respawn, law=law or (),
@@ -231,30 +229,6 @@ def _mode(asked: dict[str, bool]) -> str | None:
     if len({meant[name] for name in options}) > 1:
         raise ParameterError(f"{' and '.join(options)}: do not go together; give one of them")
     return meant[options[0]] if options else None
-
-
-def _live(
-    live: bool,
-    port: int | None,
-    foxglove_port: int | None,
-    allow_commands: bool,
-    wait: bool,
-    report: bool,
-) -> Any:
-    """The live view that is asked for, None for none; its options need --live."""
-    from heli_core.rcl_yaml import ParameterError
-    from heli_flight.graph.live import LiveOrder
-
-    needs_live = {
-        "--live-port": port is not None,
-        "--foxglove-port": foxglove_port is not None,
-        "--allow-commands": allow_commands,
-        "--live-wait": wait,
-    }
-    for name, is_set in needs_live.items():
-        if is_set and not live:
-            raise ParameterError(f"{name}: needs --live")
-    return LiveOrder(port, foxglove_port, allow_commands, wait, report) if live else None
 
 
 # -------------------------------------------------------------------------------------------------

@@ -9,13 +9,16 @@ import typer
 from heli_flight.cli.common import (
     Aircraft,
     AutopilotDuration,
+    AutopilotLive,
     Faults,
     Gps,
+    LivePort,
     NewFolder,
     NoReport,
     Params,
     WindSeed,
     World,
+    live_order,
 )
 
 EPILOG = (
@@ -48,6 +51,8 @@ def px4(
     duration: AutopilotDuration = None,
     out: NewFolder = None,
     no_report: NoReport = False,
+    live: AutopilotLive = False,
+    live_port: LivePort = None,
     print_params: Annotated[
         bool,
         typer.Option(
@@ -63,8 +68,9 @@ def px4(
     from heli_flight.terminal import console
 
     order = Px4Order(
-        aircraft, rate, port, world, gps, seed, duration, params or (), faults, out, not no_report
-    )
+        aircraft, rate, port, world, gps, seed, duration, params or (), faults, out, not no_report,
+        live_order(live, live_port, not no_report),
+    )  # fmt: skip
     if print_params:
         name = Path(order.resolved().nodes["plant"]["aircraft_file"]).stem
         print(file_text(order.parameters(), f"PX4 (helicopter, tail servo) on {name}"), end="")

@@ -15,14 +15,15 @@ from rich.console import Console
 from heli_core.jit import is_compiled
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import NS_PER_S, TICKS_PER_S, Rate
-from heli_dynamics_sim.plant import PlantStatus
 from heli_flight import interrupts
+from heli_flight.ardupilot import live
 from heli_flight.ardupilot import physics as physics_kernels
 from heli_flight.ardupilot.physics import Physics
 from heli_flight.ardupilot.protocol import REPLY
-from heli_flight.ardupilot.recording import FlightFacts, FlightFolder
+from heli_flight.ardupilot.recording import FlightFolder
 from heli_flight.ardupilot.server import COMPILES, HOST, helicopter_of, plant_alone, written
 from heli_flight.fly import FinishedFlight, free_name
+from heli_flight.graph.live import LiveOrder
 from heli_flight.layers import PX4
 from heli_flight.px4.servos import USED, px4_parameters, servo_numbers
 from heli_flight.px4.session import MOST_BYTES, Px4Flight, Px4Session
@@ -60,6 +61,8 @@ class Px4Order:
     out : Path, optional
         Folder to make.
     report : bool
+    live : LiveOrder, optional
+        That the flight is to be shown.
     """
 
     aircraft: str | None = None
@@ -73,6 +76,7 @@ class Px4Order:
     faults: Path | None = None
     out: Path | None = None
     report: bool = True
+    live: LiveOrder | None = None
 
     def resolved(self, seed: int | None = None, duration_s: float | None = None) -> Settings:
         """What is flown, or with another seed and length; raises ParameterError."""
@@ -289,7 +293,7 @@ def fly(order: Px4Order, out: Console) -> list[FinishedFlight]:
 
     Raises
     ------
-    ParameterError, TrimError, AircraftError, PlantConfigError, OSError
+    ParameterError, TrimError, AircraftError, PlantConfigError, OSError, MissingFileError
         Bad input; nothing has been written.
     """
 
@@ -305,11 +309,16 @@ def fly(order: Px4Order, out: Console) -> list[FinishedFlight]:
         count = len(door.sessions) + 1
         place = folder if count == 1 else folder.with_name(f"{folder.name}-{count}")
         physics = Physics(settings, rate, servos)
-        flight = Px4Flight(physics, FlightFolder(place, settings, rate))
+        watch = None if shown is None else shown.watch
+        flight = Px4Flight(physics, FlightFolder(place, settings, rate), watch=watch)
         longest_s = settings.scenario_parameters["duration_s"]
         return Px4Session(flight, SensorTelemetry(settings, physics), say, longest_s)
 
-    with contextlib.closing(listening(order.port)) as sock:
+    with contextlib.ExitStack() as sockets:
+        sock = sockets.enter_context(contextlib.closing(listening(order.port)))
+        shown = live.opened(order.live, settings, say)
+        if shown is not None:
+            sockets.callback(shown.close)
         if not is_compiled(physics_kernels.step):
             say(COMPILES)
         Physics(settings, rate, servos)
@@ -320,27 +329,23 @@ def fly(order: Px4Order, out: Console) -> list[FinishedFlight]:
         with contextlib.suppress(KeyboardInterrupt):
             serve(door, rate.tick_ns, say)
         door.close()
-    return [done for one in door.sessions if (done := _written(order, settings, one, out))]
+    done = []
+    for one in door.sessions:
+        done += _written(order, settings, one, out)
+    if done:
+        live.stay(shown, done[-1].folder, say)
+    return done
 
 
 def _written(
     order: Px4Order, settings: Settings, session: Px4Session, out: Console
-) -> FinishedFlight | None:
+) -> list[FinishedFlight]:
     """Result and report of a flight; none of one that ended before its first tick."""
-    flight, physics = session.flight, session.flight.physics
-    folder = flight.folder
-    if folder is None or not folder.ticks:
-        return None
-    seconds = folder.ticks * physics.rate.fold * physics.rate.tick_s
-    lost = "" if physics.status == PlantStatus.OK else physics.status.sentence
-    numbers = {
-        "steps_per_s": physics.rate.hz, "answers": flight.answers, "unanswered": flight.unanswered,
+    flight = session.flight
+    counted = {
+        "answers": flight.answers, "unanswered": flight.unanswered,
         "refused": {cause.name.lower(): count for cause, count in flight.refused.items()},
     }  # fmt: skip
-    wall_s = max(flight.newest_ns - flight.begun_ns, 0) / NS_PER_S
-    facts = FlightFacts(lost, wall_s, tuple(flight.notes), numbers)
-    flown = order.resolved(settings.seed, max(seconds, 0.04))
-    done = written(folder, flown, facts, order.report, out)
-    words = f"{seconds:.2f} s flown by PX4 at {physics.rate.hz} Hz in {wall_s:.2f} s"
-    out.print(f"{words}\nwritten: {folder.path}", highlight=False, soft_wrap=True, markup=False)
-    return done
+    return written(
+        flight, counted, lambda length_s: order.resolved(settings.seed, length_s), order.report, out
+    )

@@ -16,11 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from heli_bags.writer import BagError
-from heli_core.ticks import NS_PER_S
-from heli_dynamics_sim.plant import PlantStatus
-from heli_flight.ardupilot.physics import Physics
-from heli_flight.ardupilot.recording import FlightFolder
+from heli_flight.ardupilot.recording import FlightUnderWay
 from heli_flight.mavlink.link import AUTOPILOT, common
 from heli_flight.px4.servos import SWASH, TAIL, pulses_of
 from heli_flight.px4.telemetry import SensorTelemetry
@@ -56,16 +52,11 @@ class AnswerRefused(Enum):
 
 
 @dataclass
-class Px4Flight:
-    """A flight, under way or ended, and what was counted in it.
+class Px4Flight(FlightUnderWay):
+    """A flight and what was counted in it.
 
     Attributes
     ----------
-    physics : Physics
-    folder : FlightFolder or None
-        None: nothing is recorded.
-    begun_ns, newest_ns : int
-        Wall time of its connection and of what was heard last; of whoever has a clock.
     heard : bool
         Whether PX4 answers by now, be it an older HIL_SENSOR.
     answers : int
@@ -73,24 +64,12 @@ class Px4Flight:
     unanswered : int
         Steps that were made without one: while PX4 starts, or where it has missed one.
     refused : Counter of AnswerRefused
-    notes : list of str
-        What the reader should know, each said once.
     """
 
-    physics: Physics
-    folder: FlightFolder | None
-    begun_ns: int = 0
-    newest_ns: int = 0
     heard: bool = False
     answers: int = 0
     unanswered: int = 0
     refused: Counter[AnswerRefused] = field(default_factory=Counter)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def flown_s(self) -> float:
-        """Flight time."""
-        return self.physics.rate.time_ns(self.physics.tick) / NS_PER_S
 
 
 class Px4Session:
@@ -225,17 +204,9 @@ class Px4Session:
             self._tell("motors", MULTICOPTER)
 
     def _step(self) -> None:
-        physics, flight = self.flight.physics, self.flight
         pulses_of(self.servos, self._pulse_us)
-        physics.step(self._pulse_us, self.armed and not self._motors)
-        if physics.status != PlantStatus.OK:
-            self._tell("lost", f"LOST after {flight.flown_s:.2f} s: {physics.status.sentence}")
-        elif flight.folder is not None:
-            try:
-                flight.folder.write(physics.tick - 1, physics.row)
-            except BagError as error:
-                self._tell("bag", str(error))
-                flight.folder = None
+        self.flight.physics.step(self._pulse_us, self.armed and not self._motors)
+        self.flight.keep(self._tell)
 
     def _sensors(self) -> bytes:
         """Fix and truth first, as HIL_SENSOR is what sets PX4 going."""
@@ -267,17 +238,8 @@ class Px4Session:
 
     def close(self) -> None:
         """Close the bag."""
-        self._bag("close")
+        self.flight.close(self._tell)
 
     def flush(self) -> None:
         """Have what is recorded so far outlive this process."""
-        self._bag("flush")
-
-    def _bag(self, act: str) -> None:
-        if self.flight.folder is None:
-            return
-        try:
-            getattr(self.flight.folder, act)()
-        except BagError as error:
-            self._tell("bag", str(error))
-            self.flight.folder = None
+        self.flight.flush(self._tell)

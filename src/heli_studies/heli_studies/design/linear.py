@@ -16,7 +16,6 @@ import numpy as np
 from heli_core.errors import ParameterCause
 from heli_core.foreign_files import FileError, read_yaml
 from heli_core.linear import hover_system
-from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import ACTUATOR
 from heli_core.ticks import TICK_S
 from heli_dynamics_sim.aircraft import AircraftError
@@ -67,21 +66,6 @@ def is_linear(aircraft: str | None) -> bool:
     except FileError:
         return False
     return isinstance(tree, dict) and "states" in tree
-
-
-def refuse_unphysical(plant: Mapping[str, Any]) -> None:
-    """Refuse a linear aircraft where masses, inertias, rotor are varied one by one (`heli robust`).
-
-    Raises
-    ------
-    ParameterError
-    """
-    if plant[PARAMETER]:
-        raise ParameterError(
-            f"linear_model: {plant[PARAMETER]}: heli robust varies inertias, rotor and drag of an "
-            "aircraft file, and A, B of a linear aircraft do not tell them apart; compare its "
-            "margins instead (heli design --aircraft)"
-        )
 
 
 def known_actuation(aircraft: LinearAircraft, delay_ticks: int) -> Actuation:
