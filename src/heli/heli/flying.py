@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from heli.arguments import in_python, number, whole
+from heli.arguments import in_python, refused
 from heli.flight import Flight
 from heli_core.errors import FlightError, PartError
 from heli_core.faults import NONE, faults_of
@@ -56,6 +56,8 @@ def split(params: Any) -> tuple[list[Path], Over]:
     over: Over = {}
     for part in _parts(params):
         if isinstance(part, (str, os.PathLike)):
+            if not Path(part).is_file():
+                raise refused("params", os.fspath(part), "a file that is there")
             files.append(Path(part))
             continue
         for node, values in _mapping(part).items():
@@ -74,9 +76,8 @@ def _mapping(part: Any) -> Mapping[str, Any]:
     nodes = getattr(part, "parameters", part)
     if isinstance(nodes, Mapping):
         return nodes
-    raise ParameterError(
-        f"params: {type(part).__name__} is not allowed; allowed: a file, "
-        "{node: {parameter: value}}, a design, or a list of these"
+    raise refused(
+        "params", part, "a file, {node: {parameter: value}}, a design, or a list of these"
     )
 
 
@@ -135,6 +136,8 @@ def faults_over(faults: Any) -> Over:
     if faults is None:
         return {}
     if isinstance(faults, (str, os.PathLike)):
+        if not Path(faults).is_file():
+            raise refused("faults", os.fspath(faults), "a file that is there")
         return fault_overrides(Path(faults)) or {}
     try:
         # JSON is YAML: a mapping is judged as an entry of a file.
@@ -142,9 +145,7 @@ def faults_over(faults: Any) -> Over:
             fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults])
         )
     except (TypeError, ValueError):
-        raise ParameterError(
-            f"faults: {faults!r} is not allowed; allowed: a file, or a list of mappings"
-        ) from None
+        raise refused("faults", faults, "a file, or a list of mappings") from None
     return {"plant": {"faults": fault_texts or (NONE,)}}
 
 
@@ -200,7 +201,9 @@ def load(
     """
     folder = Path(path)
     if not folder.exists():
-        raise FlightError(f"{folder}: there is no such flight")
+        error = FlightError(f"path {folder}: there is no such flight")
+        error.argument = "path"
+        raise error
     files, over = split(params)
     if over:
         raise ParameterError("params: of a recorded flight; allowed: files")
@@ -264,7 +267,8 @@ def fly(
         gives d_lat, d_lon, d_ped, or a class with `step(self, x, r, t)` and `reset(self, x, r, u)`;
         x: the nine states (places `heli.NINE`), r: commanded phi, theta, psi, rad; t: s. With the
         attribute `loop = "outer"` in place of the position controller: x: navigation (places
-        `heli.NAV`), r: the reference (places `heli.SHAPED`); gives phi, theta, psi, collective. A
+        `heli.NAV`), r: the reference (places `heli.SHAPED`), both with positions and velocities
+        north, east, **down**; gives phi, theta, psi, collective. A
         str is MODULE:NAME or FILE.py:NAME. A list: one of each. See the package's README.
     plant, wind, estimator : object, optional
         A part of your own in place of the packaged one, with `reset(rng, tick_s, nodes)` and
@@ -303,7 +307,8 @@ def fly(
     if graph and parts.named():
         raise PartError(
             f"{parts.named()[0][0]}: the graph's nodes cannot have an object, they are other "
-            "processes; allowed: without graph=True"
+            "processes; allowed: without graph=True",
+            "graph",
         )
     order = ordered(
         python_laws, graph, out, scenario=scenario, seed=seed, gps=gps, world=world, laws=laws,
@@ -323,16 +328,12 @@ def ordered(
     *,
     params: Any = None,
     faults: Any = None,
-    duration_s: float | None = None,
-    seed: int | None = None,
     **options: Any,
 ) -> FlightOrder:
     """The order of a flight; arguments as of `fly`."""
     files, over = split(params)
     return FlightOrder(
         mode=LOCKSTEP if graph else ONE_PROCESS,
-        duration_s=number("duration_s", duration_s),
-        seed=whole("seed", seed),
         params=files,
         out=None if out is None else Path(out),
         report=False,
@@ -349,9 +350,14 @@ def laws_of(law: Any) -> list[PythonLaw]:
     LawError
     """
     laws = law if isinstance(law, (list, tuple)) else [] if law is None else [law]
-    return [
-        find(one) if isinstance(one, str) else PythonLaw(one, source=source_of(one)) for one in laws
-    ]
+    try:
+        return [
+            find(one) if isinstance(one, str) else PythonLaw(one, source=source_of(one))
+            for one in laws
+        ]
+    except LawError as error:
+        error.argument, error.value, error.where = "law", law, "law"
+        raise
 
 
 def _named(laws: Sequence[PythonLaw], graph: bool) -> Over:
