@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli.arguments import in_python, refused
+from heli.arguments import in_python, refused, told_when_long
 from heli.flight import as_dataframe, html_table
-from heli.flying import split, told_when_long
+from heli.flying import split
 from heli_analysis.identification.actuators import COMMANDS, sampled_rates
 from heli_analysis.identification.model import measured_response
 from heli_analysis.identification.spectra import CHANNELS, RATES, spectra_of

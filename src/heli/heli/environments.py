@@ -21,10 +21,12 @@ from heli.arguments import in_python, refused, taken, whole_from
 from heli_core.errors import FlightError
 from heli_core.rotations import euler_angles
 from heli_core.rows import NAV, REFERENCE, SETPOINT, TRUTH
-from heli_flight.batch import MOST_TICKS, Batch
+from heli_flight.batch import MOST_TICKS, Batch, step_batch
 from heli_flight.fleet import design_file
+from heli_flight.fly import tell_if_it_compiles
 from heli_flight.settings import resolve
 from heli_flight.stepping import CommandLevel
+from heli_flight.terminal import console
 
 Array = NDArray[np.float64]
 
@@ -136,6 +138,7 @@ class Fleet:
         counts |= {"threads": (threads, 256), "num_envs": (n, 10**6)}
         for name, (number, most) in counts.items():
             taken(name, number, whole_from(1, most))
+        tell_if_it_compiles(console(stderr=True), kernel=step_batch)
         settings = resolve("hover", world=world, params=design_file(aircraft))
         self.task, self.n, self.ticks = TASKS[task], n, ticks
         self._hovers, self._level = task == "hover", COMMANDS[command]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli.arguments import in_python, refused
+from heli.arguments import in_python, refused, told_when_long
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import NAV, NINE, SHAPED
 from heli_flight.flight_file import NAME, sections, write_parameters
@@ -705,9 +705,12 @@ class Flight:
         except OSError:
             raise refused("folder", str(path), "a folder that can be written") from None
         f = self._flown
-        return write_report(
-            f.record, f.settings, f.result, path, f.how, f.events, f.missing, f.assumed, figures
-        )
+        with told_when_long("flight.report") as tell:
+            tell("page")
+            return write_report(
+                f.record, f.settings, f.result, path, f.how, f.events, f.missing, f.assumed,
+                figures, drawn=lambda done, total: tell(f"figures, {done} of {total}"),
+            )  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------

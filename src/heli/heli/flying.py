@@ -6,16 +6,14 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from heli.arguments import in_python, refused
+from heli.arguments import in_python, refused, told_when_long
 from heli.flight import Flight
 from heli_core.errors import FlightError, PartError
 from heli_core.faults import NONE, faults_of
@@ -207,7 +205,9 @@ def load(
     files, over = split(params)
     if over:
         raise ParameterError("params: of a recorded flight; allowed: files")
-    record = recorded(folder, BagChoice(scenario, gps, seed, files, flight))
+    with told_when_long("heli.load") as tell:
+        tell(f"reads {folder}")
+        record = recorded(folder, BagChoice(scenario, gps, seed, files, flight))
     return Flight(record, record.folder if (record.folder / NAME).is_file() else None)
 
 
@@ -390,56 +390,3 @@ def flown(settings: Settings, say: Console, parts: Parts | None = None) -> Fligh
         outcome.record, settings, outcome.result, Path("."), ONE_PROCESS, commit=sources_commit()
     )
     return Flight(recorded)
-
-
-# -------------------------------------------------------------------------------------------------
-# What a call that takes long says of itself.
-# -------------------------------------------------------------------------------------------------
-
-PATIENCE_S = 2.0
-"""So long nothing is said."""
-
-
-@contextmanager
-def told_when_long(
-    what: str, quiet: bool = False, after_s: float = PATIENCE_S
-) -> Iterator[Callable[[str], None]]:
-    """Gives a function that takes what comes next; it is said on stderr once the call is long.
-
-    Parameters
-    ----------
-    what : str
-        The call.
-    quiet : bool
-        True: nothing is said.
-    after_s : float
-        So long nothing is said; then what is under way, and each that follows.
-    """
-    if quiet:
-        yield lambda _: None
-        return
-    out, lock = console(stderr=True), threading.Lock()
-    now, long = [""], threading.Event()
-
-    def say() -> None:
-        if now[0]:
-            out.print(f"{what}: {now[0]} ...", highlight=False, soft_wrap=True, markup=False)
-
-    def begin_to_say() -> None:
-        with lock:
-            long.set()
-            say()
-
-    def tell(step: str) -> None:
-        with lock:
-            now[0] = step
-            if long.is_set():
-                say()
-
-    timer = threading.Timer(after_s, begin_to_say)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield tell
-    finally:
-        timer.cancel()

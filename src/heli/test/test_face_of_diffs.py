@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import heli
+from heli.arguments import told_when_long
 from heli.designing import Identified
-from heli.flying import told_when_long
 from heli_flight.report.diff import diff as diff_of_folders
 
 
