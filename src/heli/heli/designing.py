@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli.arguments import in_python, refused, told_when_long
+from heli.arguments import in_python, refused
 from heli.flight import as_dataframe, html_table
 from heli.flying import split
 from heli_analysis.identification.actuators import COMMANDS, sampled_rates
@@ -29,6 +29,7 @@ from heli_dynamics_sim.trim import TrimPoint as PlantTrim
 from heli_dynamics_sim.trim import linearize as linearize_about
 from heli_dynamics_sim.trim import trim as find_trim
 from heli_flight.settings import resolve
+from heli_flight.terminal import told_when_long
 from heli_flight.worlds import HOVER_TEST_WORLD
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.state import collective_for_thrust as collective_of_map

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli.arguments import in_python, refused, told_when_long
+from heli.arguments import in_python, refused
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import NAV, NINE, SHAPED
 from heli_flight.flight_file import NAME, sections, write_parameters
@@ -24,6 +24,7 @@ from heli_flight.report.write import RecordedFlight
 from heli_flight.result import verdict, write_result
 from heli_flight.scoring import DECIDES
 from heli_flight.settings import own_words
+from heli_flight.terminal import told_when_long
 
 if TYPE_CHECKING:
     import pyarrow

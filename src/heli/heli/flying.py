@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from heli.arguments import in_python, refused, told_when_long
+from heli.arguments import in_python, refused
 from heli.flight import Flight
 from heli_core.errors import FlightError, PartError
 from heli_core.faults import NONE, faults_of
@@ -26,7 +26,7 @@ from heli_flight.layers import LOCKSTEP, ONE_PROCESS, TABLES
 from heli_flight.parts import Parts
 from heli_flight.report.write import BagChoice, RecordedFlight, recorded
 from heli_flight.settings import LAW_NODES, Settings, sources_commit
-from heli_flight.terminal import console, silent
+from heli_flight.terminal import console, silent, told_when_long
 
 # -------------------------------------------------------------------------------------------------
 # What a caller says of parameters, in the form in which the stack reads them.

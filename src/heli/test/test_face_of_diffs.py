@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import heli
-from heli.arguments import told_when_long
 from heli.designing import Identified
 from heli_flight.report.diff import diff as diff_of_folders
+from heli_flight.terminal import told_when_long
 
 
 @pytest.fixture(scope="module")
