@@ -43,7 +43,7 @@ MOST_SPEED_MPS = 200.0
 # -------------------------------------------------------------------------------------------------
 
 
-class Kind(NamedTuple):
+class ArgumentKind(NamedTuple):
     """What an argument may be.
 
     Attributes
@@ -72,7 +72,7 @@ def _finite(value: Any) -> float:
     return float(value)
 
 
-def whole_from(least: int, most: int | None = None) -> Kind:
+def whole_from(least: int, most: int | None = None) -> ArgumentKind:
     """A whole number within bounds, both allowed."""
 
     def taken(value: Any) -> int:
@@ -82,17 +82,17 @@ def whole_from(least: int, most: int | None = None) -> Kind:
         return given
 
     end = "" if most is None else f" to {most}"
-    return Kind(f"a whole number from {least}{end}", taken)
+    return ArgumentKind(f"a whole number from {least}{end}", taken)
 
 
-def _above(least: float) -> Kind:
+def _above(least: float) -> ArgumentKind:
     def taken(value: Any) -> float:
         given = _finite(value)
         if given <= least:
             raise ValueError
         return given
 
-    return Kind(f"a finite number above {least:g}", taken)
+    return ArgumentKind(f"a finite number above {least:g}", taken)
 
 
 def _speed(value: Any) -> float:
@@ -139,23 +139,28 @@ def _objects(values: Any) -> tuple[Any, ...]:
     return tuple(values)
 
 
-_NAME, _SWITCH = Kind("text", _text), Kind("True or False", _yes_or_no)
-_FILE, _TARGET = Kind("text, or the path of a file", _text_or_path), Kind("a path", _text_or_path)
-_NUMBER = Kind("a finite number", _finite)
+_NAME, _SWITCH = ArgumentKind("text", _text), ArgumentKind("True or False", _yes_or_no)
+_FILE, _TARGET = (
+    ArgumentKind("text, or the path of a file", _text_or_path),
+    ArgumentKind("a path", _text_or_path),
+)
+_NUMBER = ArgumentKind("a finite number", _finite)
 SEED = whole_from(0, MOST_SEED)
-KINDS: dict[str, Kind] = {
+KINDS: dict[str, ArgumentKind] = {
     "seed": SEED, "flight": whole_from(1), "workers": whole_from(0), "port": whole_from(0, 65535),
     "num_envs": whole_from(1, 10**6), "max_episode_steps": whole_from(1),
     "duration_s": _NUMBER, "psi_rad": _NUMBER, "climb_mps": _NUMBER,
-    "speed_mps": Kind(f"a number from {-MOST_SPEED_MPS:g} to {MOST_SPEED_MPS:g}", _speed),
-    "wind_ned_mps": Kind(f"3 numbers from {-MOST_SPEED_MPS:g} to {MOST_SPEED_MPS:g}", _wind),
+    "speed_mps": ArgumentKind(f"a number from {-MOST_SPEED_MPS:g} to {MOST_SPEED_MPS:g}", _speed),
+    "wind_ned_mps": ArgumentKind(
+        f"3 numbers from {-MOST_SPEED_MPS:g} to {MOST_SPEED_MPS:g}", _wind
+    ),
     "gamma": _above(0.0), "gamma_factor": _above(1.0), "thrust_n": _above(0.0),
     "scenario": _NAME, "gps": _NAME, "controller": _NAME,
     "world": _FILE, "laws": _FILE, "aircraft": _FILE,
-    "spec": Kind("a file that is there", _file_there),
+    "spec": ArgumentKind("a file that is there", _file_there),
     "path": _TARGET, "folder": _TARGET, "out": _TARGET,
     "graph": _SWITCH, "quiet": _SWITCH, "figures": _SWITCH,
-    "sensors": Kind("a list of objects", _objects),
+    "sensors": ArgumentKind("a list of objects", _objects),
 }  # fmt: skip
 """Arguments that are not here are judged where they are used."""
 
@@ -165,7 +170,7 @@ def refused(name: str, value: Any, allowed: str) -> ParameterError:
     return ParameterError.of_argument(name, value, allowed)
 
 
-def taken(name: str, value: Any, kind: Kind) -> Any:
+def taken(name: str, value: Any, kind: ArgumentKind) -> Any:
     """A value as it is used.
 
     Raises
