@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli.arguments import in_python, whole
+from heli.arguments import in_python, refused, whole
 from heli.flight import html_table, write_table
 from heli.flying import flown, laws_of, ordered
 from heli_core.metrics import PaperMetric
@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
+_SEEDS = "integers from 0, or text such as '1..20'"
+_OPTIONS = (
+    "scenario", "gps", "world", "laws", "controller", "duration_s", "params", "faults", "law",
+    "rate_hz",
+)  # fmt: skip
 _SHOWN = 12
 _ACROSS = 3
 
@@ -87,6 +92,7 @@ class Campaign(Sequence[Mapping[str, Any]]):
 
         return as_dataframe(self.to_arrow())
 
+    @in_python
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the rows into a file: .csv or .parquet; ParameterError for another ending."""
         return write_table(self.to_arrow(), path)
@@ -152,8 +158,8 @@ def campaign(
     quiet : bool
         True: no progress.
     **options
-        Of seeds: scenario, gps, world, controllers, controller, duration_s, params, faults,
-        controller, as of `heli.fly`.
+        Of seeds: scenario, gps, world, laws, controller, duration_s, params, faults, law, rate_hz,
+        as of `heli.fly`.
 
     Returns
     -------
@@ -170,14 +176,17 @@ def campaign(
     >>> max(table.column("max.altitude (truth)"))
     """
     if (spec is None) == (seeds is None):
-        raise ParameterError("campaign: give a spec or seeds, one of them")
+        raise ParameterError("spec, seeds: give one of them")
     if spec is not None:
         if options:
-            raise ParameterError(f"campaign: {', '.join(options)}: a spec's own keys say it")
+            raise ParameterError(f"{', '.join(options)}: a spec's own keys say it")
         return _of_spec(Path(spec), workers, quiet)
     wanted = parse_seeds(seeds) if isinstance(seeds, str) else _whole(seeds)
-    if not wanted or min(wanted) < 0:
-        raise ParameterError(f"campaign: seeds {wanted}: not allowed; allowed: integers from 0")
+    if not wanted:
+        raise refused("seeds", seeds, _SEEDS)
+    for name, value in options.items():
+        if name not in _OPTIONS:
+            raise refused(name, value, f"the arguments {', '.join(_OPTIONS)}")
     return _of_seeds(wanted, options, workers, quiet)
 
 
@@ -188,9 +197,7 @@ def _whole(seeds: Any) -> list[int]:
     try:
         return [whole("seeds", seed) or 0 for seed in seeds]
     except TypeError:
-        raise ParameterError(
-            f"seeds {seeds!r}: not allowed; allowed: integers, or text such as '1..20'"
-        ) from None
+        raise refused("seeds", seeds, _SEEDS) from None
 
 
 def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:

@@ -12,7 +12,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli.flight import NAVIGATION, WINDOWS, Flight, as_dataframe, html_table
+from heli.arguments import in_python, refused
+from heli.flight import NAVIGATION, WINDOWS, Flight, as_dataframe, html_table, unknown_metric
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.report import diff as beside
 
@@ -90,16 +91,30 @@ class ComparedMetrics(Mapping[str, Compared]):
         ParameterError
             There is none of that name.
         """
-        known = sorted({(row.source, row.stretch) for row in self._rows})
+        known = {(row.source, row.stretch) for row in self._rows}
+        for what, name, place in (("source", source, 0), ("stretch", stretch, 1)):
+            names = sorted({pair[place] for pair in known})
+            if name not in names:
+                raise refused(what, name, ", ".join(names))
         if (source, stretch) not in known:
-            pairs_text = "; ".join(", ".join(pair) for pair in known)
-            raise ParameterError(f"{source!r}, {stretch!r} is not allowed; allowed: {pairs_text}")
+            of_it = sorted(pair[1] for pair in known if pair[0] == source)
+            raise refused("stretch", stretch, f"of {source}: {', '.join(of_it)}")
         return ComparedMetrics(self._rows, source, stretch)
 
     def __getitem__(self, name: str) -> Compared:
         if name not in self._by_name:
-            raise KeyError(f"no metric {name!r}; known: {', '.join(self._by_name) or 'none'}")
+            raise KeyError(unknown_metric(name, self._by_name))
         return self._by_name[name]
+
+    def __getattr__(self, name: str) -> Compared:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name not in self._by_name:
+            raise AttributeError(unknown_metric(name, self._by_name))
+        return self._by_name[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._by_name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._by_name)
@@ -167,6 +182,7 @@ class Diff:
         """The same as a DataFrame of pandas; ImportError with a sentence where there is none."""
         return as_dataframe(self.to_arrow())
 
+    @in_python
     def page(self, path: str | os.PathLike[str] = "diff.html") -> Path:
         """Write the page of `heli diff`: tables, and every flight in each chart; needs no network.
 
@@ -184,12 +200,12 @@ class Diff:
 
         page = Path(path)
         if page.suffix != ".html":
-            raise ParameterError(f"page {page}: its name must end in .html")
+            raise ParameterError(f"path {page}: its name must end in .html")
         try:
             page.parent.mkdir(parents=True, exist_ok=True)
             write_diff(self._flight_diff, page)
         except OSError as error:
-            raise ParameterError(f"page {page}: cannot be written: {error.strerror}") from None
+            raise ParameterError(f"path {page}: cannot be written: {error.strerror}") from None
         return page
 
     def _tables(self) -> list[tuple[str, list[str], list[list[str]]]]:
@@ -262,6 +278,7 @@ def _changed(change: float) -> str:
     return "same" if abs(change) < _SAME_BELOW else f"{100.0 * change:+.1f} %"
 
 
+@in_python
 def diff(*flights: Flight | str | os.PathLike[str], names: Sequence[str] | None = None) -> Diff:
     """Lay flights beside each other: parameters that differ, metrics, a page with charts.
 
@@ -288,13 +305,10 @@ def diff(*flights: Flight | str | os.PathLike[str], names: Sequence[str] | None 
     >>> found.parameters, found.metrics["altitude"].change
     >>> found.page("diff.html")
     """
-    beside.refuse_count(len(flights))
+    if not 2 <= len(flights) <= beside.MOST:
+        raise refused("flights", len(flights), f"two to {beside.MOST} flights")
     read = [_read(one) for one in flights]
-    called = _default_names(read) if names is None else [str(name) for name in names]
-    if len(called) != len(read) or len(set(called)) < len(called):
-        raise ParameterError(
-            f"names {called} is not allowed; allowed: {len(read)} names that differ"
-        )
+    called = _default_names(read) if names is None else _given_names(names, len(read))
     return Diff(
         beside.beside(
             [
@@ -305,6 +319,14 @@ def diff(*flights: Flight | str | os.PathLike[str], names: Sequence[str] | None 
     )
 
 
+def _given_names(names: Any, count: int) -> list[str]:
+    """The names as text, each another one."""
+    called = list(map(str, names)) if isinstance(names, (list, tuple)) else []
+    if len(called) != count or len(set(called)) < count:
+        raise refused("names", names, f"a list of {count} names that differ")
+    return called
+
+
 def _read(flight_or_folder: Any) -> tuple[Flight, Path | None]:
     from heli.flying import load
 
@@ -312,10 +334,7 @@ def _read(flight_or_folder: Any) -> tuple[Flight, Path | None]:
         return flight_or_folder, None
     if isinstance(flight_or_folder, (str, os.PathLike)):
         return load(flight_or_folder), Path(flight_or_folder)
-    raise ParameterError(
-        f"diff: {type(flight_or_folder).__name__} is not allowed; allowed: flights, or folders of "
-        "flights"
-    )
+    raise refused("flights", flight_or_folder, "flights, or folders of flights")
 
 
 def _default_names(read: Sequence[tuple[Flight, Path | None]]) -> list[str]:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli.arguments import in_python, number, whole
+from heli.arguments import in_python, refused
 from heli.flight import as_dataframe, html_table
-from heli.flying import split, told_when_long
+from heli.flying import split
 from heli_analysis.identification.actuators import COMMANDS, sampled_rates
 from heli_analysis.identification.model import measured_response
 from heli_analysis.identification.spectra import CHANNELS, RATES, spectra_of
-from heli_core.rcl_yaml import ParameterError
+from heli_core.errors import InfeasibleGammaError, ParameterError
 from heli_core.rows import ACTUATOR, ACTUATOR_NAMES, SETPOINT, STATE_NAMES
 from heli_core.ticks import TICK_S
 from heli_dynamics_sim.aircraft import HelicopterParameters
@@ -29,6 +29,7 @@ from heli_dynamics_sim.trim import TrimPoint as PlantTrim
 from heli_dynamics_sim.trim import linearize as linearize_about
 from heli_dynamics_sim.trim import trim as find_trim
 from heli_flight.settings import resolve
+from heli_flight.terminal import told_when_long
 from heli_flight.worlds import HOVER_TEST_WORLD
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.state import collective_for_thrust as collective_of_map
@@ -105,7 +106,10 @@ class Design:
 
     @property
     def model(self) -> control.StateSpace:
-        """The linear aircraft, eq. (9): nine states; d_lat d_lon d_ped, wind_u wind_v wind_w in."""
+        """The linear aircraft, eq. (9): nine states; d_lat d_lon d_ped, wind_u wind_v wind_w in.
+
+        The wind is in body axes: forward, right, down.
+        """
         return self.made.basis.system
 
     @property
@@ -134,6 +138,7 @@ class Design:
             "further_delay_s": self.made.further_delay_s,
         }
 
+    @in_python
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the parameter file that flies it: `./hover_test.sh --params FILE`."""
         write_yaml(self.made, Path(path), "heli.design")
@@ -197,7 +202,14 @@ def design(
     with told_when_long("heli.design", quiet) as tell:
         tell("trim and linear model")
         basis = aircraft_basis(settings, aircraft)
-        return Design(design_of(basis, settings, gamma, gamma_factor, air, tell=tell))
+        try:
+            return Design(design_of(basis, settings, gamma, gamma_factor, air, tell=tell))
+        except InfeasibleGammaError as error:
+            if gamma is None:
+                raise
+            named = InfeasibleGammaError(error.gamma, error.gamma_star)
+            named.argument = "gamma"
+            raise named from None
 
 
 # -------------------------------------------------------------------------------------------------
@@ -218,7 +230,7 @@ class Trim:
     residual : float
         Largest derivative that should vanish, SI.
     wind_ned_mps : (3,) array
-        Velocity of the air, NED.
+        Velocity of the air: north, east, down.
     speed_mps : float
         Over the ground, along the heading.
     full : heli_dynamics_sim Trim
@@ -257,6 +269,7 @@ def aircraft_of(aircraft: Any) -> HelicopterParameters:
     return HelicopterParameters.from_yaml(file)
 
 
+@in_python
 def trim(
     aircraft: Any = None,
     wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0),
@@ -293,16 +306,12 @@ def trim(
     >>> heli.trim(speed_mps=10.0).x[heli.NINE.theta]
     """
     wind = np.array(wind_ned_mps, dtype=np.float64)
-    if wind.shape != (3,) or not np.isfinite([*wind, speed_mps, psi_rad]).all():
-        raise ParameterError(
-            f"wind_ned_mps {wind.tolist()}, speed_mps {speed_mps}, psi_rad {psi_rad}: not "
-            "allowed; allowed: 3 finite numbers, and a finite number each"
-        )
     ahead = np.array([math.cos(psi_rad), math.sin(psi_rad), 0.0])
     at = find_trim(aircraft_of(aircraft), wind - speed_mps * ahead, psi_rad)
     return Trim(reduced_state(at.x), at.u, at.residual, wind, float(speed_mps), at)
 
 
+@in_python
 def linearize(
     aircraft: Any = None,
     wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0),
@@ -323,7 +332,7 @@ def linearize(
     -------
     LinearModel
         A (9, 9), B (9, 3), E (9, 3), x_trim, u_trim; `.system` is a control.StateSpace with named
-        states, inputs and outputs.
+        states, inputs and outputs. The wind w is in body axes: forward, right, down.
 
     Raises
     ------
@@ -331,7 +340,7 @@ def linearize(
         Each with one sentence.
     """
     if side not in ("descent", "climb"):
-        raise ParameterError(f"side {side!r} is not allowed; allowed: descent, climb")
+        raise refused("side", side, "descent, climb")
     at = trim(aircraft, wind_ned_mps, speed_mps, psi_rad)
     return linearize_about(aircraft_of(aircraft), at.full, side)
 
@@ -362,15 +371,12 @@ def collective_for_thrust(thrust_n: float, climb_mps: float = 0.0, params: Any =
     --------
     >>> heli.collective_for_thrust(9.75 * 9.781)
     """
-    thrust, climb = number("thrust_n", thrust_n), number("climb_mps", climb_mps)
-    if thrust is None or climb is None or thrust <= 0.0:
-        raise ParameterError(f"thrust_n {thrust_n!r}: not allowed; allowed: a number above 0")
     files, over = split(params)
     outer = outer_params(resolve(params=files, overrides=over).nodes["outer_loop"])
     tilt = math.cos(outer.trim[SETPOINT.phi]) * math.cos(outer.trim[SETPOINT.theta])
     hover_n, d_col = outer.mass * outer.g / tilt, outer.trim[SETPOINT.col]
     # The map's speed is that of the hub through the air, down.
-    return float(collective_of_map(thrust, -climb, hover_n, d_col, outer.rotor))
+    return float(collective_of_map(thrust_n, -climb_mps, hover_n, d_col, outer.rotor))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -435,7 +441,7 @@ class Identified:
 
     @property
     def E(self) -> NDArray[np.float64]:
-        """(9, 3): effect of the wind."""
+        """(9, 3): effect of the wind, body axes: forward, right, down."""
         return self.identification.wind.E
 
     @property
@@ -466,8 +472,8 @@ class Identified:
         ParameterError
         """
         for what, name, known in (("rate", rate, RATES), ("actuator", actuator, COMMANDS)):
-            if name not in known:
-                raise ParameterError(f"{what} {name!r} is not allowed; allowed: {', '.join(known)}")
+            if name not in tuple(known):
+                raise refused(what, name, ", ".join(known))
         channel = _ACTUATORS[COMMANDS.index(actuator)]
         data = measured_response(
             spectra_of(self.identification.actuators), self.identification.ab.fast, rate, channel
@@ -507,6 +513,7 @@ class Identified:
         """The same as a DataFrame of pandas; ImportError with a sentence where there is none."""
         return as_dataframe(self.to_arrow())
 
+    @in_python
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the parameter file that flies it: `./hover_test.sh --params FILE`."""
         write_yaml(self.identification.design, Path(path), "heli.identify, from flight data")
@@ -595,7 +602,7 @@ def identify(
     if over:
         raise ParameterError("params: of an identification; allowed: files")
     wanted = IdentifyOrder(
-        aircraft=aircraft, params=files, seed=whole("seed", seed), gps=gps,
+        aircraft=aircraft, params=files, seed=seed, gps=gps,
         gamma_factor=gamma_factor, one_process=True, quiet=quiet,
     )  # fmt: skip
     return Identified(run(wanted, None))

@@ -17,13 +17,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from heli_core.errors import ParameterError
+from heli.arguments import in_python, refused, taken, whole_from
+from heli_core.errors import FlightError
 from heli_core.rotations import euler_angles
 from heli_core.rows import NAV, REFERENCE, SETPOINT, TRUTH
-from heli_flight.batch import MOST_TICKS, Batch
+from heli_flight.batch import MOST_TICKS, Batch, step_batch
 from heli_flight.fleet import design_file
+from heli_flight.fly import tell_if_it_compiles
 from heli_flight.settings import resolve
 from heli_flight.stepping import CommandLevel
+from heli_flight.terminal import console
 
 Array = NDArray[np.float64]
 
@@ -31,6 +34,7 @@ Array = NDArray[np.float64]
 # The tasks.
 # -------------------------------------------------------------------------------------------------
 
+_SEED = whole_from(0)
 _AWAY_M = 10.0
 """Of the place to hold: farther away an episode of hover is over."""
 _TILT_RAD = math.radians(60.0)
@@ -97,7 +101,8 @@ class Fleet:
         1 the whole way of an actuator more, or 0.3 rad of roll and pitch, 0.5 rad of heading and
         0.2 of collective.
     observe : {"truth", "nav"}
-        How the aircraft moves, or what is known of it on board.
+        How the aircraft moves, or what is known of it on board. An observation's positions and
+        velocities are north, east, **down**: above the place to hold, down_error_m is negative.
     aircraft, world
         As of `heli.Simulation`.
     ticks : int
@@ -108,6 +113,7 @@ class Fleet:
         That share the aircraft.
     """
 
+    @in_python
     def __init__(
         self,
         task: str,
@@ -121,16 +127,18 @@ class Fleet:
         flights: int = 8,
         threads: int = 1,
     ) -> None:
-        for name, value, known in (("command", command, COMMANDS), ("observe", observe, OBSERVED)):
-            if value not in known:
-                raise ParameterError(f"{name} {value!r}: unknown; known: {', '.join(known)}")
+        for name, value, known in (
+            ("task", task, TASKS), ("command", command, COMMANDS), ("observe", observe, OBSERVED),
+        ):  # fmt: skip
+            if value not in tuple(known):
+                raise refused(name, value, ", ".join(known))
         if task == "attitude" and command != "actuators":
-            raise ParameterError(f"command {command!r}: of hover; of attitude: actuators")
-        whole = {"ticks": (ticks, MOST_TICKS), "flights": (flights, 10**6)}
-        whole |= {"threads": (threads, 256), "num_envs": (n, 10**6)}
-        for name, (number, most) in whole.items():
-            if not (isinstance(number, int) and 1 <= number <= most):
-                raise ParameterError(f"{name} {number!r}: not allowed; allowed: 1 to {most}")
+            raise refused("command", command, "of attitude: actuators")
+        counts = {"ticks": (ticks, MOST_TICKS), "flights": (flights, 10**6)}
+        counts |= {"threads": (threads, 256), "num_envs": (n, 10**6)}
+        for name, (number, most) in counts.items():
+            taken(name, number, whole_from(1, most))
+        tell_if_it_compiles(console(stderr=True), kernel=step_batch)
         settings = resolve("hover", world=world, params=design_file(aircraft))
         self.task, self.n, self.ticks = TASKS[task], n, ticks
         self._hovers, self._level = task == "hover", COMMANDS[command]
@@ -173,8 +181,16 @@ class Fleet:
         self._asked_at[i] = self.batch.ticks[i]
 
     def step(self, action: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Reward (N,) and whether the episode is over (N,), of an action (N, actions)."""
+        """Reward (N,) and whether the episode is over (N,), of an action (N, actions).
+
+        Raises
+        ------
+        ParameterError
+            The action has another shape, or holds what is no finite number.
+        """
         batch, actions = self.batch, self.task.actions
+        if action.shape != self._action.shape or not np.isfinite(action).all():
+            raise refused("action", action.tolist(), f"{self.n} x {actions} finite numbers")
         self._action[:] = np.clip(action, -1.0, 1.0)
         given = self._trim.copy()
         given[:, :actions] += self._scale[:actions] * self._action
@@ -234,6 +250,19 @@ class Fleet:
 # -------------------------------------------------------------------------------------------------
 
 
+def _refuse_before_reset(has_begun: bool) -> None:
+    if not has_begun:
+        raise FlightError("no episode has begun; call reset() first")
+
+
+def _as_numbers(action: Any) -> Array:
+    """An action as numbers; ParameterError for what is none."""
+    try:
+        return np.asarray(action, np.float64)
+    except (TypeError, ValueError):
+        raise refused("action", action, "an array of finite numbers") from None
+
+
 class HeliEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One aircraft; arguments as of `Fleet`."""
 
@@ -249,7 +278,7 @@ class HeliEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; a seed draws which flights the aircraft has."""
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else taken("seed", seed, _SEED))
         if seed is not None or not self._seeded:
             self._fleet.seed([self.np_random])
             self._seeded = True
@@ -259,8 +288,9 @@ class HeliEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Fly on by `ticks`."""
-        reward, over = self._fleet.step(np.asarray(action, np.float64)[None])
+        """Fly on by `ticks`; FlightError before the first reset, ParameterError as of `Fleet`."""
+        _refuse_before_reset(self._seeded)
+        reward, over = self._fleet.step(_as_numbers(action)[None])
         return self._fleet.observation()[0], float(reward[0]), bool(over[0]), False, {}
 
 
@@ -272,6 +302,7 @@ class HeliVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
+    @in_python
     def __init__(
         self, task: str, num_envs: int = 1, max_episode_steps: int = 500, **options: Any
     ) -> None:
@@ -291,21 +322,33 @@ class HeliVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
         A list says the seed of each.
         """
         if seed is not None or not self._seeded:
-            if isinstance(seed, int):
-                seeds: list[int | None] = [seed + i for i in range(self.num_envs)]
-            else:
-                seeds = [None] * self.num_envs if seed is None else list(seed)
-            made = [gymnasium.utils.seeding.np_random(one)[0] for one in seeds]
-            self._fleet.seed(made)
+            seeds = self._seeds_of(seed)
+            self._fleet.seed([gymnasium.utils.seeding.np_random(one)[0] for one in seeds])
             self._seeded = True
         self._fleet.reset(np.arange(self.num_envs))
         self._steps[:], self._over[:] = 0, False
         return self._fleet.observation(), {}
 
+    def _seeds_of(self, seed: Any) -> list[int | None]:
+        """The seed of each aircraft."""
+        n = self.num_envs
+        if seed is None:
+            return [None] * n
+        if not isinstance(seed, (list, tuple, np.ndarray)):
+            first = taken("seed", seed, _SEED)
+            return [first + i for i in range(n)]
+        if len(seed) != n:
+            raise refused("seed", seed, f"a whole number from 0, or {n} of them")
+        return [None if one is None else taken("seed", one, _SEED) for one in seed]
+
     def step(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Fly on by `ticks`; whoever was over begins anew, which counts as his step."""
+        """Fly on by `ticks`; whoever was over begins anew, which counts as his step.
+
+        FlightError before the first reset, ParameterError as of `Fleet`.
+        """
+        _refuse_before_reset(self._seeded)
         fleet, anew = self._fleet, np.flatnonzero(self._over)
-        reward, terminated = fleet.step(np.asarray(actions, np.float64))
+        reward, terminated = fleet.step(_as_numbers(actions))
         self._steps += 1
         if anew.size:
             fleet.reset(anew)

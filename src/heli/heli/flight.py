@@ -6,7 +6,7 @@ from __future__ import annotations
 import difflib
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli.arguments import in_python, refused
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import NAV, NINE, SHAPED
 from heli_flight.flight_file import NAME, sections, write_parameters
@@ -23,6 +24,7 @@ from heli_flight.report.write import RecordedFlight
 from heli_flight.result import verdict, write_result
 from heli_flight.scoring import DECIDES
 from heli_flight.settings import own_words
+from heli_flight.terminal import told_when_long
 
 if TYPE_CHECKING:
     import pyarrow
@@ -105,7 +107,7 @@ class Signals(Mapping[str, NDArray]):
     def _lookup(self, name: str, error: type[Exception]) -> Signal:
         if name in self._signals:
             return self._signals[name]
-        near = difflib.get_close_matches(name, self._signals, n=1, cutoff=0.4)
+        near = difflib.get_close_matches(str(name), self._signals, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self._signals)}"
         raise error(f"{self._name} has no signal {name!r}; {hint}")
 
@@ -259,7 +261,7 @@ class Metric:
     name, label : str
         Its key, such as `altitude`, and in words.
     value, rms : float
-        Largest magnitude and rms, in `unit`.
+        Largest magnitude and rms, in `unit`: of no sign, so that neither up nor down matters.
     unit : str
     paper : float
         Its bound: the largest that the paper shows; of a path, a goal; of a mission of one's own
@@ -296,8 +298,19 @@ class Metric:
         return f"{self.paper:g} {self.unit}", "inside" if self.inside else "OUTSIDE"
 
 
+def unknown_metric(name: Any, known: Iterable[str]) -> str:
+    """What is said where no metric has a name."""
+    names = list(known)
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.4)
+    meant = f"did you mean {near[0]}? " if near else ""
+    all_names = ", ".join(names) or "none: the flight ended before what is scored"
+    return f"no metric {name!r}; {meant}known: {all_names}"
+
+
 class Metrics(Mapping[str, Metric]):
-    """Metrics by name, from the state estimate over the scored windows; others by `of`.
+    """Metrics by name: `metrics["altitude"]`, `metrics.altitude`; others by `of`.
+
+    From the state estimate over the scored windows.
 
     Parameters
     ----------
@@ -329,24 +342,30 @@ class Metrics(Mapping[str, Metric]):
         ------
         ParameterError
         """
-        from heli_core.rcl_yaml import ParameterError
         from heli_flight.scoring import SOURCE_NAMES, STRETCHES
 
         for what, name, known in (
             ("source", source, SOURCE_NAMES),
             ("stretch", stretch, STRETCHES),
         ):
-            if name not in known:
-                raise ParameterError(f"{what} {name!r} is not allowed; allowed: {', '.join(known)}")
+            if name not in tuple(known):
+                raise refused(what, name, ", ".join(known))
         return Metrics(self._figures, source, stretch)
 
     def __getitem__(self, name: str) -> Metric:
         if name not in self._by_name:
-            known = ", ".join(self._by_name) or "none: the flight ended before what is scored"
-            near = difflib.get_close_matches(str(name), self._by_name, n=1, cutoff=0.4)
-            meant = f"did you mean {near[0]}? " if near else ""
-            raise KeyError(f"no metric {name!r}; {meant}known: {known}")
+            raise KeyError(unknown_metric(name, self._by_name))
         return self._by_name[name]
+
+    def __getattr__(self, name: str) -> Metric:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name not in self._by_name:
+            raise AttributeError(unknown_metric(name, self._by_name))
+        return self._by_name[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._by_name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._by_name)
@@ -416,7 +435,7 @@ def write_table(table: pyarrow.Table, path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     writers = {".csv": csv.write_csv, ".parquet": parquet.write_table}
     if target.suffix not in writers:
-        raise ParameterError(f"path {target}: not allowed; allowed: a name in .csv or .parquet")
+        raise refused("path", str(target), "a name in .csv or .parquet")
     try:
         writers[target.suffix](table, os.fspath(target))
     except OSError as error:
@@ -440,9 +459,11 @@ class Flight:
         Flight time at each tick.
     truth, nav : Signals
         How the aircraft really moved, and what it knew of itself on board: `truth.phi_rad`,
-        `truth.pos_ned_m`, `nav.vel_ned_mps` ... (print a group: all its names and units).
+        `truth.pos_ned_m`, `nav.vel_ned_mps` ... (print a group: all its names and units). A name
+        in `ned` or `down` has z **down**, `altitude_m` is **up**.
     reference, setpoint, u, wind : Signals
-        Where it should be; the commanded attitude; the actuators (`u.delta_lat` ...); the air.
+        Where it should be (as `truth`); the commanded attitude; the actuators (`u.delta_lat` ...);
+        the air's velocity: north, east, **down**.
     mode : (N,) ndarray of str, or None
         Mode that was flown; None where it only followed its reference.
     metrics : Metrics
@@ -581,6 +602,7 @@ class Flight:
         """
         return as_dataframe(self.to_arrow())
 
+    @in_python
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the signals into a file, one row per tick: .csv or .parquet.
 
@@ -596,6 +618,7 @@ class Flight:
 
         return draw(self, self._title())
 
+    @in_python
     def save(self, folder: str | os.PathLike[str] | None = None) -> Path:
         """Write the flight into a folder: parameters, result, record; `heli.load` reads it.
 
@@ -627,6 +650,7 @@ class Flight:
             self.folder = path
         return path
 
+    @in_python
     def replay(self, port: int = 0) -> PageServer:
         """Serve the flight's replay to browsers of this machine, as `heli replay` does.
 
@@ -653,6 +677,7 @@ class Flight:
         server.start()
         return server
 
+    @in_python
     def report(self, folder: str | os.PathLike[str] | None = None, figures: bool = False) -> Path:
         """Write the HTML report, the same as the commands'.
 
@@ -667,15 +692,26 @@ class Flight:
         -------
         Path
             The page.
+
+        Raises
+        ------
+        ParameterError
+            The folder cannot be made.
         """
         from heli_flight.report.write import write_report
 
         path = self.save() if folder is None else Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            raise refused("folder", str(path), "a folder that can be written") from None
         f = self._flown
-        return write_report(
-            f.record, f.settings, f.result, path, f.how, f.events, f.missing, f.assumed, figures
-        )
+        with told_when_long("flight.report") as tell:
+            tell("page")
+            return write_report(
+                f.record, f.settings, f.result, path, f.how, f.events, f.missing, f.assumed,
+                figures, drawn=lambda done, total: tell(f"figures, {done} of {total}"),
+            )  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------

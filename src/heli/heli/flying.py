@@ -6,16 +6,14 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from heli.arguments import in_python, number, whole
+from heli.arguments import in_python, refused
 from heli.flight import Flight
 from heli_core.errors import FlightError, PartError
 from heli_core.faults import NONE, faults_of
@@ -28,7 +26,7 @@ from heli_flight.layers import LOCKSTEP, ONE_PROCESS, TABLES
 from heli_flight.parts import Parts
 from heli_flight.report.write import BagChoice, RecordedFlight, recorded
 from heli_flight.settings import LAW_NODES, Settings, sources_commit
-from heli_flight.terminal import console, silent
+from heli_flight.terminal import console, silent, told_when_long
 
 # -------------------------------------------------------------------------------------------------
 # What a caller says of parameters, in the form in which the stack reads them.
@@ -56,6 +54,8 @@ def split(params: Any) -> tuple[list[Path], Over]:
     over: Over = {}
     for part in _parts(params):
         if isinstance(part, (str, os.PathLike)):
+            if not Path(part).is_file():
+                raise refused("params", os.fspath(part), "a file that is there")
             files.append(Path(part))
             continue
         for node, values in _mapping(part).items():
@@ -74,9 +74,8 @@ def _mapping(part: Any) -> Mapping[str, Any]:
     nodes = getattr(part, "parameters", part)
     if isinstance(nodes, Mapping):
         return nodes
-    raise ParameterError(
-        f"params: {type(part).__name__} is not allowed; allowed: a file, "
-        "{node: {parameter: value}}, a design, or a list of these"
+    raise refused(
+        "params", part, "a file, {node: {parameter: value}}, a design, or a list of these"
     )
 
 
@@ -135,6 +134,8 @@ def faults_over(faults: Any) -> Over:
     if faults is None:
         return {}
     if isinstance(faults, (str, os.PathLike)):
+        if not Path(faults).is_file():
+            raise refused("faults", os.fspath(faults), "a file that is there")
         return fault_overrides(Path(faults)) or {}
     try:
         # JSON is YAML: a mapping is judged as an entry of a file.
@@ -142,9 +143,7 @@ def faults_over(faults: Any) -> Over:
             fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults])
         )
     except (TypeError, ValueError):
-        raise ParameterError(
-            f"faults: {faults!r} is not allowed; allowed: a file, or a list of mappings"
-        ) from None
+        raise refused("faults", faults, "a file, or a list of mappings") from None
     return {"plant": {"faults": fault_texts or (NONE,)}}
 
 
@@ -200,11 +199,15 @@ def load(
     """
     folder = Path(path)
     if not folder.exists():
-        raise FlightError(f"{folder}: there is no such flight")
+        error = FlightError(f"path {folder}: there is no such flight")
+        error.argument = "path"
+        raise error
     files, over = split(params)
     if over:
         raise ParameterError("params: of a recorded flight; allowed: files")
-    record = recorded(folder, BagChoice(scenario, gps, seed, files, flight))
+    with told_when_long("heli.load") as tell:
+        tell(f"reads {folder}")
+        record = recorded(folder, BagChoice(scenario, gps, seed, files, flight))
     return Flight(record, record.folder if (record.folder / NAME).is_file() else None)
 
 
@@ -264,7 +267,8 @@ def fly(
         gives d_lat, d_lon, d_ped, or a class with `step(self, x, r, t)` and `reset(self, x, r, u)`;
         x: the nine states (places `heli.NINE`), r: commanded phi, theta, psi, rad; t: s. With the
         attribute `loop = "outer"` in place of the position controller: x: navigation (places
-        `heli.NAV`), r: the reference (places `heli.SHAPED`); gives phi, theta, psi, collective. A
+        `heli.NAV`), r: the reference (places `heli.SHAPED`), both with positions and velocities
+        north, east, **down**; gives phi, theta, psi, collective. A
         str is MODULE:NAME or FILE.py:NAME. A list: one of each. See the package's README.
     plant, wind, estimator : object, optional
         A part of your own in place of the packaged one, with `reset(rng, tick_s, nodes)` and
@@ -303,7 +307,8 @@ def fly(
     if graph and parts.named():
         raise PartError(
             f"{parts.named()[0][0]}: the graph's nodes cannot have an object, they are other "
-            "processes; allowed: without graph=True"
+            "processes; allowed: without graph=True",
+            "graph",
         )
     order = ordered(
         python_laws, graph, out, scenario=scenario, seed=seed, gps=gps, world=world, laws=laws,
@@ -323,16 +328,12 @@ def ordered(
     *,
     params: Any = None,
     faults: Any = None,
-    duration_s: float | None = None,
-    seed: int | None = None,
     **options: Any,
 ) -> FlightOrder:
     """The order of a flight; arguments as of `fly`."""
     files, over = split(params)
     return FlightOrder(
         mode=LOCKSTEP if graph else ONE_PROCESS,
-        duration_s=number("duration_s", duration_s),
-        seed=whole("seed", seed),
         params=files,
         out=None if out is None else Path(out),
         report=False,
@@ -349,9 +350,14 @@ def laws_of(law: Any) -> list[PythonLaw]:
     LawError
     """
     laws = law if isinstance(law, (list, tuple)) else [] if law is None else [law]
-    return [
-        find(one) if isinstance(one, str) else PythonLaw(one, source=source_of(one)) for one in laws
-    ]
+    try:
+        return [
+            find(one) if isinstance(one, str) else PythonLaw(one, source=source_of(one))
+            for one in laws
+        ]
+    except LawError as error:
+        error.argument, error.value, error.where = "law", law, "law"
+        raise
 
 
 def _named(laws: Sequence[PythonLaw], graph: bool) -> Over:
@@ -384,56 +390,3 @@ def flown(settings: Settings, say: Console, parts: Parts | None = None) -> Fligh
         outcome.record, settings, outcome.result, Path("."), ONE_PROCESS, commit=sources_commit()
     )
     return Flight(recorded)
-
-
-# -------------------------------------------------------------------------------------------------
-# What a call that takes long says of itself.
-# -------------------------------------------------------------------------------------------------
-
-PATIENCE_S = 2.0
-"""So long nothing is said."""
-
-
-@contextmanager
-def told_when_long(
-    what: str, quiet: bool = False, after_s: float = PATIENCE_S
-) -> Iterator[Callable[[str], None]]:
-    """Gives a function that takes what comes next; it is said on stderr once the call is long.
-
-    Parameters
-    ----------
-    what : str
-        The call.
-    quiet : bool
-        True: nothing is said.
-    after_s : float
-        So long nothing is said; then what is under way, and each that follows.
-    """
-    if quiet:
-        yield lambda _: None
-        return
-    out, lock = console(stderr=True), threading.Lock()
-    now, long = [""], threading.Event()
-
-    def say() -> None:
-        if now[0]:
-            out.print(f"{what}: {now[0]} ...", highlight=False, soft_wrap=True, markup=False)
-
-    def begin_to_say() -> None:
-        with lock:
-            long.set()
-            say()
-
-    def tell(step: str) -> None:
-        with lock:
-            now[0] = step
-            if long.is_set():
-                say()
-
-    timer = threading.Timer(after_s, begin_to_say)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield tell
-    finally:
-        timer.cancel()

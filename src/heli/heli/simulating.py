@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli.arguments import in_python, whole
+from heli.arguments import in_python, refused
 from heli.flying import laws_of, ordered
 from heli_core.errors import FlightError, ParameterError
 from heli_core.rotations import euler_from_quat
@@ -138,7 +138,7 @@ class NamedRow(Mapping[str, Any]):
         return [*super().__dir__(), *self._fields]
 
     def _unknown(self, name: str) -> str:
-        near = difflib.get_close_matches(name, self._fields, n=1, cutoff=0.4)
+        near = difflib.get_close_matches(str(name), self._fields, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self._fields)}"
         return f"{self._name} has no {name!r}; {hint}"
 
@@ -160,7 +160,8 @@ class Observation:
     time_s : float
         Flight time.
     truth : NamedRow
-        How the aircraft really moves: no sensor knows it.
+        How the aircraft really moves: no sensor knows it. `pos_ned_m` and `vel_ned_mps` are north,
+        east, **down**, as everywhere here; `altitude_m` is **up**.
     measured : NamedRow
         What the sensors say at this tick.
     nav : NamedRow
@@ -295,6 +296,7 @@ class Simulation:
         """Of the flight that is flown, or that `reset` begins."""
         return self._settings.seed
 
+    @in_python
     def reset(self, seed: int | None = None) -> Observation:
         """Begin a flight at tick 0.
 
@@ -303,9 +305,8 @@ class Simulation:
         seed : int, optional
             Another one, from now on; default: as before, which gives the same flight again.
         """
-        asked = whole("seed", seed)
-        if asked is not None and asked != self.seed:
-            self._settings, self._flight = self._settings.with_seed(asked), None
+        if seed is not None and seed != self.seed:
+            self._settings, self._flight = self._settings.with_seed(seed), None
         if self._flight is not None and self._first is not None:
             self._flight.restore(self._first)
             return Observation(self._flight)
@@ -331,7 +332,8 @@ class Simulation:
             phi, theta, psi, rad, and the collective, -1 to 1, which stays as it was if it is left
             out: the packaged attitude controller flies.
         velocity : (3,) or (4,) array, optional
-            Velocity, NED, m/s, and a rate of turn, rad/s: every packaged controller flies, within
+            Velocity north, east, **down**, m/s (a climb has a negative third), and a rate of turn,
+            rad/s, positive to the right: every packaged controller flies, within
             its own limits. The position controller takes it at its next step.
         All left out: the scenario's own flight; after commands of yours a halt that is held.
 
@@ -357,9 +359,8 @@ class Simulation:
             if len(wanted) == SETPOINT.col:
                 wanted = [*wanted, float(flight.u[ACTUATOR.col])]
             if abs(wanted[SETPOINT.col]) > 1.0:
-                raise ParameterError(
-                    f"attitude: collective {wanted[SETPOINT.col]}: not allowed; allowed: -1 to 1"
-                )
+                allowed = "a collective, the fourth number, from -1 to 1"
+                raise refused("attitude", attitude, allowed)
             flight.step(CommandLevel.ATTITUDE, wanted)
         elif velocity is not None:
             wanted = [*_numbers("velocity", velocity, (3, VELOCITY.size), 1e3), 0.0]
@@ -387,8 +388,12 @@ class Simulation:
         ------
         FlightError
             It is of another flight: other arguments, or another seed.
+        ParameterError
+            It is no saved state.
         """
         flight = self._begun()
+        if not isinstance(state, SavedFlight):
+            raise refused("state", state, "what save() gave")
         flight.restore(state)
         return Observation(flight)
 
@@ -398,8 +403,8 @@ class Simulation:
         Returns
         -------
         LocalModel
-            Of 23 states (places `heli.LOCAL`), four commands, three components of wind;
-            `.held(dt_s)` is its sampled form.
+            Of 23 states (places `heli.LOCAL`), four commands, three components of wind; position,
+            velocity and wind are north, east, **down**. `.held(dt_s)` is its sampled form.
 
         Raises
         ------
@@ -434,7 +439,5 @@ def _numbers(name: str, values: ArrayLike, sizes: tuple[int, ...], most: float) 
         good = False
     if not good:
         count = " or ".join(map(str, sizes))
-        raise ParameterError(
-            f"{name} {values!r}: not allowed; allowed: {count} finite numbers up to {most:g}"
-        )
+        raise refused(name, values, f"{count} finite numbers up to {most:g}")
     return list(row)

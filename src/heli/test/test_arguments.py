@@ -63,3 +63,41 @@ def test_the_version_is_that_of_the_command(capsys):
 
     assert app.main(["--version"]) == 0
     assert capsys.readouterr().out == f"heli {heli.__version__}\n"
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """What calls that may take long say, whatever they take."""
+    from contextlib import contextmanager
+
+    import heli.flight
+    import heli.flying
+
+    said = []
+
+    @contextmanager
+    def at_once(what, quiet=False):
+        yield lambda step: said.append((what, step))
+
+    for module in (heli.flight, heli.flying):
+        monkeypatch.setattr(module, "told_when_long", at_once)
+    return said
+
+
+def test_reading_and_reporting_say_what_they_are_at(told, tmp_path):
+    flight = heli.fly(duration_s=2.0, quiet=True)
+    flight.report(flight.save(tmp_path / "flight"))
+    heli.load(tmp_path / "flight")
+    assert [what for what, _ in told] == ["flight.report", "heli.load"]
+
+
+def test_an_environment_says_that_it_compiles(monkeypatch):
+    pytest.importorskip("gymnasium")
+    from heli import environments
+
+    asked = []
+    monkeypatch.setattr(
+        environments, "tell_if_it_compiles", lambda say, kernel: asked.append(kernel)
+    )
+    environments.Fleet("hover", 1)
+    assert asked == [environments.step_batch]

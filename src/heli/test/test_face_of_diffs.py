@@ -8,8 +8,8 @@ import pytest
 
 import heli
 from heli.designing import Identified
-from heli.flying import told_when_long
 from heli_flight.report.diff import diff as diff_of_folders
+from heli_flight.terminal import told_when_long
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_a_page_and_a_table_hold_both(flights, tmp_path):
 
 def test_three_flights_have_no_change(flights):
     third = heli.fly(seed=4, duration_s=8, gps="rtk", quiet=True)
-    diff = heli.diff(*flights, third, names="abc")
+    diff = heli.diff(*flights, third, names=["a", "b", "c"])
     assert all(m.change is None and len(m.values) == 3 for m in diff.metrics.values())
     assert "change" not in repr(diff)
     assert diff.parameters["flight.seed"] == ("3", "3", "4")
@@ -70,15 +70,15 @@ def test_three_flights_have_no_change(flights):
 
 def test_what_cannot_be_compared_is_one_sentence(flights, tmp_path):
     one, two = flights
-    with pytest.raises(heli.ParameterError, match="two to 6 flights, not 1"):
+    with pytest.raises(heli.ParameterError, match="two to 6 flights"):
         heli.diff(one)
     with pytest.raises(heli.ParameterError, match="2 names that differ"):
         heli.diff(one, two, names=("a", "a"))
-    with pytest.raises(heli.ParameterError, match="int is not allowed"):
+    with pytest.raises(heli.ParameterError, match="flights 3"):
         heli.diff(one, 3)
     with pytest.raises(heli.FlightError, match=str(tmp_path / "nowhere")):
         heli.diff(one, tmp_path / "nowhere")
-    diff = heli.diff(one, two, names="ab")
+    diff = heli.diff(one, two, names=["a", "b"])
     with pytest.raises(heli.ParameterError, match=r"must end in \.html"):
         diff.page(tmp_path / "x.txt")
     (tmp_path / "file").write_text("")

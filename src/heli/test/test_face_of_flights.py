@@ -125,7 +125,7 @@ def test_parameters_may_be_nested_dotted_and_of_integers():
         ({"params": {"iner_loop": {}}}, "did you mean 'inner_loop'"),
         ({"params": {"inner_loop": {"gama": 1.0}}}, "did you mean 'gamma'"),
         ({"params": {"inner_loop": {"gamma": float("nan")}}}, "gamma: nan .* not finite"),
-        ({"params": 3}, "params: int is not allowed"),
+        ({"params": 3}, "params 3: not allowed"),
         ({"params": {"plant": 3}}, "allowed: {parameter: value}"),
         ({"gps": "x"}, "known: standalone, rtk"),
         ({"seed": -1}, "seed -1: not allowed"),

@@ -133,7 +133,15 @@ class StickError(CausedError):
 
 
 class SynthesisError(ValueError):
-    """A design that cannot be made; the base of all named causes below."""
+    """A design that cannot be made; the base of all named causes below.
+
+    Attributes
+    ----------
+    argument : str
+        Argument of the function in Python that is to blame; empty where it is none.
+    """
+
+    argument = ""
 
 
 class ShapeError(SynthesisError):
@@ -258,7 +266,15 @@ def _mode(value: complex) -> str:
 
 
 class FlightError(Exception):
-    """The graph could not be brought up or kept up; the message is one line for the user."""
+    """The graph could not be brought up or kept up; the message is one line for the user.
+
+    Attributes
+    ----------
+    argument : str
+        Argument of the function in Python that is to blame; empty where it is none.
+    """
+
+    argument = ""
 
 
 class StartError(FlightError):
@@ -313,7 +329,11 @@ class ParameterRefusal(Exception):
         What would be allowed, in words.
     meant : str
         The name that an unknown one was probably meant for.
+    argument : str
+        Argument of the function in Python that was called with it; empty where it is none.
     """
+
+    argument = ""
 
     def __init__(
         self,
@@ -341,6 +361,13 @@ class ParameterRefusal(Exception):
         same.__dict__.update(vars(other))
         return same
 
+    @classmethod
+    def of_argument(cls, name: str, value: Any, allowed: str) -> Self:
+        """The refusal of an argument of a function in Python."""
+        error = cls(f"{name} {value!r}: not allowed", value=value, allowed=allowed)
+        error.argument = name
+        return error
+
     def placed(self, where: str, key: str) -> Self:
         """The same of a parameter at a place."""
         self.where, self.key = where, key
@@ -363,4 +390,14 @@ class PlantConfigError(ParameterRefusal, ValueError):
 
 
 class PartError(ValueError):
-    """An object that cannot fly as a part; the message names it and what is allowed."""
+    """An object that cannot fly as a part; the message names it and what is allowed.
+
+    Attributes
+    ----------
+    argument : str
+        Argument that it was given as; empty where it is not known.
+    """
+
+    def __init__(self, sentence: str, argument: str = "") -> None:
+        super().__init__(sentence)
+        self.argument = argument

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.errors import ParameterError
 from heli_core.linear import held
 from heli_core.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from heli_core.rows import ACTUATOR, AIR, PLANT
@@ -26,8 +27,8 @@ _STEP = 1e-5
 class LocalRow(NamedTuple):
     """States of a local model (23,)."""
 
-    pos: slice = slice(0, 3)  # NED, m
-    vel: slice = slice(3, 6)  # NED, m/s
+    pos: slice = slice(0, 3)  # north, east, down, m
+    vel: slice = slice(3, 6)  # north, east, down, m/s
     attitude: slice = slice(6, 9)  # phi, theta, psi, rad
     phi: int = 6
     theta: int = 7
@@ -50,7 +51,8 @@ class LocalModel:
     Attributes
     ----------
     A, B, E : (23, 23), (23, 4), (23, 3) arrays
-        By states (places of `LOCAL`), commands d_lat, d_lon, d_ped, d_col, and wind, NED, m/s.
+        By states (places of `LOCAL`), commands d_lat, d_lon, d_ped, d_col, and wind: velocity of
+        the air, north, east, down, m/s.
     f : (23,) array
         Derivative at x, u.
     x : (23,) array
@@ -73,7 +75,15 @@ class LocalModel:
         """Phi (23, 23), Gamma (23, 4), c (23,): x(n+1) - x = Phi (x(n) - x) + Gamma (u(n) - u) + c.
 
         u is held over dt_s; exact.
+
+        Raises
+        ------
+        ParameterError
+            dt_s is no finite number above 0.
         """
+        is_number = isinstance(dt_s, int | float | np.number) and not isinstance(dt_s, bool)
+        if not (is_number and 0.0 < dt_s < np.inf):
+            raise ParameterError.of_argument("dt_s", dt_s, "a finite number above 0")
         Phi, both = held(self.A, np.column_stack([self.B, self.f]), dt_s)
         return Phi, both[:, :_N_U], both[:, _N_U]
 

@@ -216,7 +216,8 @@ def drawn_words(settings: Settings) -> str:
         if key != "delay_ticks"
     ]
     delay = settings.nodes["plant"]["delay_ticks"]
-    return f"true aircraft / design model: {', '.join(parts)}; delay {delay} ticks"
+    unit = "tick" if delay == 1 else "ticks"
+    return f"true aircraft / design model: {', '.join(parts)}; delay {delay} {unit}"
 
 
 def custom_data(settings: Settings) -> list[str]:

@@ -112,22 +112,25 @@ class Parts:
 
     def __post_init__(self) -> None:
         if self.plant is not None and self.wind is not None:
-            raise PartError("wind: a plant that is given has its own air; give one of them")
+            raise PartError("wind: a plant that is given has its own air; give one of them", "wind")
         if len({law.loop for law in self.controllers}) < len(self.controllers):
             raise LawError("law: two of one loop are given; allowed: one of each")
         kinds = [type(sensor).__name__ for sensor in self.sensors]
         if len(set(kinds)) < len(kinds):
             raise PartError(
                 f"sensors: {', '.join(kinds)}: two have one name; allowed: each of a class of its "
-                "own, whose name the estimator reads it by"
+                "own, whose name the estimator reads it by",
+                "sensors",
             )
         for name, part in self.named():
             wanted = ("reset", "step", "measure") if name == "plant" else ("reset", "step")
             for method in wanted:
                 if not callable(getattr(part, method, None)):
+                    argument = "sensors" if name == "sensor" else name
                     raise PartError(
-                        f"{name} {type(part).__name__}: has no {method}; allowed: an object with "
-                        f"{', '.join(wanted)}"
+                        f"{argument}: {type(part).__name__} has no {method}; allowed: an object "
+                        f"with {', '.join(wanted)}",
+                        argument,
                     )
 
     def named(self) -> list[tuple[str, Any]]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from heli_core.errors import ParameterError
 from heli_core.inbox import has_come
 from heli_core.jit import copy_part, fill, fill_matrix, njit, scratch, scratch_matrix
 from heli_core.rotations import euler_from_quat, wrap_pi
@@ -751,7 +752,9 @@ class Observer:
         return self.nav
 
     def fuse_velocity(self, vel_ned_mps: NDArray[np.float64], sigma_mps: float) -> float:
-        """Fuse a velocity of now, NED, each axis with a standard deviation, if it passes its gate.
+        """Fuse a velocity of now, each axis with a standard deviation, if it passes its gate.
+
+        `vel_ned_mps`: north, east, down; a climb has a negative third.
 
         The error of the velocity is taken to be that at the filter's horizon, 0.2 s ago: over so
         short a time it hardly changes.
@@ -760,7 +763,18 @@ class Observer:
         -------
         float
             Normalised innovation squared (three degrees of freedom); NaN before the alignment.
+
+        Raises
+        ------
+        ParameterError
+            The velocity has no three numbers, or the standard deviation is not above 0.
         """
+        if np.shape(vel_ned_mps) != (3,):
+            raise ParameterError.of_argument(
+                "vel_ned_mps", vel_ned_mps, "3 numbers: north, east, down"
+            )
+        if not (isinstance(sigma_mps, int | float | np.number) and 0.0 < sigma_mps < math.inf):
+            raise ParameterError.of_argument("sigma_mps", sigma_mps, "a finite number above 0")
         state, off = self.state, vel_ned_mps - self.nav[NAV.vel]
         if not np.isfinite(off).all():
             return math.nan

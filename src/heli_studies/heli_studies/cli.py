@@ -219,7 +219,7 @@ def score(
 ) -> int:
     """Score a recorded flight: a mission task element of ADS-33E-PRF, or a response."""
     from heli_core.rcl_yaml import ParameterError
-    from heli_flight.terminal import answer
+    from heli_flight.terminal import answer, told_at_terminal
     from heli_studies.handling import ScoreOrder, print_score, score_manoeuvre
 
     if (mte is None) is not response:
@@ -233,15 +233,19 @@ def score(
     if mte is None:
         from heli_studies import handling as swept
 
-        swept_response = swept.score_response(
-            wanted, axis, command, disturbance, scale, rotor_diameter
-        )
+        with told_at_terminal("heli score") as tell:
+            tell(f"response in {flight}")
+            swept_response = swept.score_response(
+                wanted, axis, command, disturbance, scale, rotor_diameter
+            )
         if plot is not None:
             swept.draw_response(swept_response, plot)
         show = partial(swept.print_response, swept_response)
         answer(swept_response.as_dict(flight), as_json, show, written)
         return swept_response.exit_code
-    scored = score_manoeuvre(wanted, mte, scale, rotor_diameter)
+    with told_at_terminal("heli score") as tell:
+        tell(f"manoeuvre in {flight}")
+        scored = score_manoeuvre(wanted, mte, scale, rotor_diameter)
     if plot is not None:
         from heli_studies.handling import draw_score
 
@@ -480,7 +484,7 @@ def log_info(
     as_json: Json = False,
 ) -> int:
     """Show what a log holds, what was excited, and what can be identified from it."""
-    from heli_flight.terminal import answer
+    from heli_flight.terminal import answer, told_at_terminal
     from heli_studies.logs.info import cropped, info_of
     from heli_studies.logs.read import read_log
     from heli_studies.logs.show import draw_info, print_info
@@ -489,9 +493,13 @@ def log_info(
         from heli_studies.handling import check_picture
 
         check_picture(plot)
-    info = info_of(cropped(read_log(log, columns), start, end))
-    if plot is not None:
-        draw_info(info, plot)
+    with told_at_terminal("heli log") as tell:
+        tell(f"reads {log}")
+        rows = cropped(read_log(log, columns), start, end)
+        tell("excitation and responses")
+        info = info_of(rows)
+        if plot is not None:
+            draw_info(info, plot)
     written = f"written: {plot}" if plot else ""
     return answer(info.as_dict(), as_json, partial(print_info, info), written)
 
@@ -520,7 +528,13 @@ def log_identify(
     """Identify each axis from a log: gain, pole, delay, feed-forward; A and B where it allows."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from heli_flight.terminal import answer, being_filled, json_text, refuse_existing
+    from heli_flight.terminal import (
+        answer,
+        being_filled,
+        json_text,
+        refuse_existing,
+        told_at_terminal,
+    )
     from heli_studies.identify_methods import structure_of
     from heli_studies.logs.fit import draw_fit, fit_log, print_fit, responses_csv
     from heli_studies.logs.info import cropped, info_of
@@ -528,12 +542,16 @@ def log_identify(
 
     refuse_existing(out)
     wanted = structure_of(structure, yaw_gyro)
-    fitted = fit_log(info_of(cropped(read_log(log, columns), start, end)), wanted)
-    if out is not None:
-        with being_filled(out):
-            write_whole(out / "model.json", json_text(fitted.as_dict()))
-            write_whole(out / "responses.csv", responses_csv(fitted.info))
-            draw_fit(fitted, out / "bode.png")
+    with told_at_terminal("heli log") as tell:
+        tell(f"reads {log}")
+        rows = cropped(read_log(log, columns), start, end)
+        tell("excitation, responses and fit")
+        fitted = fit_log(info_of(rows), wanted)
+        if out is not None:
+            with being_filled(out):
+                write_whole(out / "model.json", json_text(fitted.as_dict()))
+                write_whole(out / "responses.csv", responses_csv(fitted.info))
+                draw_fit(fitted, out / "bode.png")
     written = f"written: {out}" if out else ""
     return answer(fitted.as_dict(), as_json, partial(print_fit, fitted), written)
 

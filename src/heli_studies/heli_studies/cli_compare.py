@@ -57,7 +57,8 @@ compare = typer.Typer(
     help="Fly controllers against each other, and worlds against worlds.",
     no_args_is_help=True,
     rich_markup_mode=None,
-    epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",
+    epilog="\b\nexample:\n  heli compare attitude --seeds 1..20\n"
+    "  heli compare controller my_law.py:MyLaw --seeds 1..20",
 )
 
 

@@ -99,11 +99,11 @@ def bound_of(
     SynthesisError
     """
     if gamma is not None and factor is not None:
-        raise ParameterError("gamma and gamma factor: give one of them, not both")
+        raise ParameterError("--gamma and --gamma-factor: give one of them, not both")
     controller = inner["controller"]
     key = _BOUND_KEYS.get(controller)
     if key is None and not (gamma is None and factor is None):
-        option = "gamma" if factor is None else "gamma factor"
+        option = "--gamma" if factor is None else "--gamma-factor"
         raise ParameterError(
             f"{option}: controller {controller} has no bound on its norm; "
             f"{' and '.join(_BOUND_KEYS)} have"
