@@ -38,7 +38,6 @@ SHORT = {
     "heli_core.faces": "of each package's face",
     "heli_core.inbox": "of each loop",
     "heli_core.version": "of the command, of Python and of what is recorded",
-    "heli_flight.cli.px4": "one command, as each of that folder",
     "heli_flight.cli.sections": "of the group of commands, and of the site's reference",
     "heli_flight.graph.log_folder": "decided by variables alone, before ROS is there",
     "heli_inner_hinf.controller_template": "is copied",

@@ -320,7 +320,7 @@ def find_linear(path: str | Path) -> Path:
     raise AircraftError(f"no such linear aircraft{hint}", ParameterCause.UNREADABLE, where=text)
 
 
-class Entry(NamedTuple):
+class DerivativeEntry(NamedTuple):
     """A place in A or B of a file: its matrix, and the names of its row and column."""
 
     matrix: str
@@ -328,10 +328,10 @@ class Entry(NamedTuple):
     column: str
 
 
-_KNOWN_ENTRIES = (Entry("A", "a_s", "q"), Entry("A", "b_s", "p"))
+_KNOWN_ENTRIES = (DerivativeEntry("A", "a_s", "q"), DerivativeEntry("A", "b_s", "p"))
 
 
-def attitude_entries(tree: Any) -> dict[Entry, float]:
+def attitude_entries(tree: Any) -> dict[DerivativeEntry, float]:
     """Entries of a file that move the attitude and are the aircraft's, as they stand there.
 
     Those of the rates and the disc, by rates, disc, gyro, d_lat, d_lon and d_ped. Left out is what
@@ -347,8 +347,8 @@ def attitude_entries(tree: Any) -> dict[Entry, float]:
     of_aircraft = [name for name in turning if name != "d_int"]
     levers = [name for i, name in enumerate(ACTUATOR_NAMES) if i != ACTUATOR.col]
     A, B = _matrix(tree, "A", states, states), _matrix(tree, "B", states, ACTUATOR_NAMES)
-    places = [Entry("A", row, column) for row in of_aircraft for column in turning]
-    places += [Entry("B", row, lever) for row in of_aircraft for lever in levers]
+    places = [DerivativeEntry("A", row, column) for row in of_aircraft for column in turning]
+    places += [DerivativeEntry("B", row, lever) for row in of_aircraft for lever in levers]
     found = {}
     for place in places:
         matrix, columns = (A, STATES) if place.matrix == "A" else (B, ACTUATOR_NAMES)
@@ -358,7 +358,9 @@ def attitude_entries(tree: Any) -> dict[Entry, float]:
     return found
 
 
-def with_entries(tree: Any, values: Mapping[Entry, float], where: str = "") -> LinearAircraft:
+def with_entries(
+    tree: Any, values: Mapping[DerivativeEntry, float], where: str = ""
+) -> LinearAircraft:
     """The aircraft of a file's content with other entries in its A and B.
 
     Raises

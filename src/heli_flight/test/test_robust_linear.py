@@ -11,7 +11,7 @@ import yaml
 from heli_core.rows import MEASURED
 from heli_core.ticks import TICK_S
 from heli_dynamics_sim.linear_aircraft import (
-    Entry,
+    DerivativeEntry,
     LinearAircraft,
     attitude_entries,
     find_linear,
@@ -34,7 +34,7 @@ def test_the_files_own_entries_are_varied_and_what_is_known_is_not(name):
     tree = content(name)
     entries = attitude_entries(tree)
     assert entries and all(entries.values())
-    assert not {Entry("A", "a_s", "q"), Entry("A", "b_s", "p")} & set(entries)
+    assert not {DerivativeEntry("A", "a_s", "q"), DerivativeEntry("A", "b_s", "p")} & set(entries)
     for place in entries:
         assert place.row in ("p", "q", "r", "a_s", "b_s") and place.column != "d_col"
         assert place.column not in ("u", "v", "w")
@@ -46,7 +46,7 @@ def test_the_files_own_entries_are_varied_and_what_is_known_is_not(name):
 
 def test_an_entry_of_the_pedal_goes_through_the_gyro():
     tree = content()
-    place = Entry("B", "r", "d_ped")
+    place = DerivativeEntry("B", "r", "d_ped")
     more, plain = with_entries(tree, {place: 2.0 * 91.3558}), LinearAircraft.from_yaml(NAME)
     np.testing.assert_allclose(more.A[5, 8], 2.0 * plain.A[5, 8])
     np.testing.assert_allclose(more.A[5, 5] + 2.0131, 2.0 * (plain.A[5, 5] + 2.0131))

@@ -22,7 +22,7 @@ from heli_core.ticks import TICK_S
 from heli_dynamics_sim.aircraft import AircraftError
 from heli_dynamics_sim.linear_aircraft import (
     PARAMETER,
-    Entry,
+    DerivativeEntry,
     LinearAircraft,
     attitude_entries,
     find_linear,
@@ -77,7 +77,7 @@ class BoxSample:
         Those that are no helicopter about hover, and were not tried.
     growth_per_s : float
         The largest of the loop's modes, of all that were tried; below 0 it is stable.
-    worst : mapping of Entry to float
+    worst : mapping of DerivativeEntry to float
         Factors of the entries that give it.
     """
 
@@ -85,7 +85,7 @@ class BoxSample:
     unstable: int
     refused: int
     growth_per_s: float
-    worst: Mapping[Entry, float]
+    worst: Mapping[DerivativeEntry, float]
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class LinearRobustness:
         Of d_lat, d_lon, d_ped, the others closed.
     further_delay_s : float
         In all channels at once, up to which it is stable; at most `LONGEST_DELAY_S` is tried.
-    entries : mapping of Entry to float
+    entries : mapping of DerivativeEntry to float
         That are varied.
     corners, inside : BoxSample
     """
@@ -122,7 +122,7 @@ class LinearRobustness:
     disks: Mapping[str, DiskMargin]
     channels: list[ChannelMargin]
     further_delay_s: float
-    entries: Mapping[Entry, float]
+    entries: Mapping[DerivativeEntry, float]
     corners: BoxSample
     inside: BoxSample
 
@@ -193,7 +193,7 @@ def _channels(loop: Loop) -> list[ChannelMargin]:
 
 def _sampled(
     tree: Any,
-    entries: Mapping[Entry, float],
+    entries: Mapping[DerivativeEntry, float],
     factors: NDArray[np.float64],
     law: OutputFeedback,
     actuation: Actuation,
@@ -271,7 +271,7 @@ def _sample(sample: BoxSample) -> dict[str, Any]:
     }
 
 
-def _name(place: Entry) -> str:
+def _name(place: DerivativeEntry) -> str:
     return f"{place.matrix}: {place.row}: {place.column}"
 
 

@@ -30,7 +30,7 @@ from heli_msgs_bridge import topics
 _ERROR = 2
 
 
-class Moment(NamedTuple):
+class ShownMoment(NamedTuple):
     """What was at a tick of 10 ms of a flight.
 
     Attributes
@@ -84,8 +84,8 @@ class FlightPage:
         )
         self._physics: Physics | None = None
         self._flights = 0
-        self._newest: Moment | None = None
-        self._shown: Moment | None = None
+        self._newest: ShownMoment | None = None
+        self._shown: ShownMoment | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, name="flight_page", daemon=True)
 
@@ -102,7 +102,7 @@ class FlightPage:
         if not rest:
             stamp_ns = self._start_ns + tick * TICK_NS
             loss = physics.status.sentence if physics.status else ""
-            self._newest = Moment(self._flights, stamp_ns, physics.row.copy(), loss)
+            self._newest = ShownMoment(self._flights, stamp_ns, physics.row.copy(), loss)
 
     def show(self, wall_s: float) -> None:
         """Send what is newest to the browsers.
@@ -125,7 +125,7 @@ class FlightPage:
             self.page.send(compact(event))
         self.page.send_state(compact(row))
 
-    def _take(self, moment: Moment, wall_s: float) -> None:
+    def _take(self, moment: ShownMoment, wall_s: float) -> None:
         live = self._screen.live
         live.take_clock(moment.stamp_ns, wall_s)
         live.take_arrival(topics.CLOCK, moment.stamp_ns, wall_s)
