@@ -132,7 +132,7 @@ def test_its_dampings_and_controls_are_those_of_a_large_helicopter():
 
 @pytest.mark.nightly
 def test_what_a_quasi_static_rotor_leaves_of_it_is_told():
-    """Inflow lags in JSBSim's rotor: a few percent that no noise explains, and it is said."""
+    """A few percent that no noise explains (JSBSim's inflow lags), and it is said."""
     found = identified()
     assert 0.01 < found.estimate.distortion < 0.05
     assert structure_doubts(found) == (StructureDoubt.UNEXPLAINED,)
