@@ -34,6 +34,7 @@ SHORT = {
     "heli.gym": "imported by its name, before gymnasium.make; says what is missing without",
     **{f"heli_flight.{name}": "begins a process" for name in BEGINS_A_PROCESS},
     "heli_actions.parameters": "a node's table, which its node and a pilot read",
+    "heli_analysis.identification.doubts": "of a fit that is done, for its command and its report",
     "heli_core.atmosphere": "of the plant and of the observer, which do not know each other",
     "heli_core.faces": "of each package's face",
     "heli_core.inbox": "of each loop",
@@ -42,7 +43,6 @@ SHORT = {
     "heli_flight.graph.log_folder": "decided by variables alone, before ROS is there",
     "heli_inner_hinf.controller_template": "is copied",
     "heli_msgs_bridge.message_size": "of nodes, and of bags where no ROS is",
-    "heli_studies.identify_methods": "of the command, which names a method, and of what it runs",
 }
 """Modules of less than that, and why each is one of its own."""
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}

@@ -18,12 +18,12 @@ from heli_analysis.identification import AperiodicRecord, fit_record
 from heli_analysis.identification.doubts import StructureDoubt, structure_doubts
 from heli_analysis.identification.model import FastModel
 from heli_analysis.identification.output_error import pieces_of_record, simulate
-from heli_analysis.identification.structure import STATE, Rotor, Structure
+from heli_analysis.identification.structure import STATE, ModelStructure, Rotor
 from heli_core.ticks import TICK_S
 
 jsbsim = pytest.importorskip("jsbsim")
 
-RIGID = Structure(Rotor.QUASI_STATIC, yaw_gyro=False)
+RIGID = ModelStructure(Rotor.QUASI_STATIC, yaw_gyro=False)
 M_PER_FT = 0.3048
 STEPS = 4  # of JSBSim in a tick
 SPIN_UP_S, CLIMB_MPS, HEIGHT_M, STEADY_S = 10.0, 2.0, 100.0, 80.0

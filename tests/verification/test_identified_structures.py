@@ -35,8 +35,8 @@ from heli_analysis.identification.structure import (
     FULL,
     N_FAST,
     STATE,
+    ModelStructure,
     Rotor,
-    Structure,
     at_once,
 )
 from heli_core.linear import hover_system
@@ -55,9 +55,9 @@ from support.identification_flights import (
     true_model,
 )
 
-AT_ONCE = Structure(Rotor.QUASI_STATIC)
-RIGID = Structure(Rotor.QUASI_STATIC, yaw_gyro=False)
-BARE = Structure(yaw_gyro=False)
+AT_ONCE = ModelStructure(Rotor.QUASI_STATIC)
+RIGID = ModelStructure(Rotor.QUASI_STATIC, yaw_gyro=False)
+BARE = ModelStructure(yaw_gyro=False)
 
 
 def published(name, structure):

@@ -23,9 +23,8 @@ from collections.abc import Iterator
 from hashlib import blake2s
 from typing import Any
 
-import llvmlite.binding as llvm
 from numba.core import types
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, ll
 from numba.core.types.functions import BaseFunction
 
 LARGE_INSTRUCTIONS = 150
@@ -191,4 +190,4 @@ def install() -> None:
     _Library._unserialize = classmethod(_unserialize)
     _Function.get_call_type = _get_call_type
     with contextlib.suppress(AttributeError):  # no such list: the events stay
-        llvm.ffi.lib._lock._cblist.clear()
+        ll.ffi.lib._lock._cblist.clear()

@@ -30,7 +30,7 @@ from heli_analysis.identification.actuators import (
 from heli_analysis.identification.model import FAST, FastModel
 from heli_analysis.identification.output_error import MethodAgreement, refine
 from heli_analysis.identification.spectra import Array, Experiment, spectra_of
-from heli_analysis.identification.structure import AIR, FULL, N_FAST, Rotor, Structure, at_once
+from heli_analysis.identification.structure import AIR, FULL, N_FAST, ModelStructure, Rotor, at_once
 from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.writer import BagError
 from heli_core.command_line import config_folder
@@ -404,7 +404,7 @@ def identify(
     gamma_factor: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
     method: Method = Method.FREQUENCY,
-    structure: Structure = FULL,
+    structure: ModelStructure = FULL,
 ) -> Identification:
     """Fit A, B, servos and delay, then E, trim and collective; design from them.
 
@@ -421,7 +421,7 @@ def identify(
         Told what comes next, a few words.
     method : Method
         By which A, B and servos are found in the end.
-    structure : Structure
+    structure : ModelStructure
         Which states the model has.
 
     Raises
@@ -565,7 +565,7 @@ class Truth:
     basis: Basis
     design: FinishedDesign
 
-    def matrices(self, structure: Structure) -> tuple[Array, Array, Array]:
+    def matrices(self, structure: ModelStructure) -> tuple[Array, Array, Array]:
         """A (9, 9), B (9, 3), E (9, 3) as that rotor has them; a yaw gyro stays where it is."""
         A, B, E = self.basis.A.copy(), self.basis.B.copy(), self.basis.E.copy()
         if structure.rotor is Rotor.QUASI_STATIC:
@@ -745,7 +745,7 @@ class IdentifyOrder:
         Which flight of a bag whose clock goes back, from 1 on; None: of such a bag it is asked.
     method : Method
         Of the fit of A, B and servos.
-    structure : Structure
+    structure : ModelStructure
         Which states the model has.
     """
 
@@ -760,7 +760,7 @@ class IdentifyOrder:
     quiet: bool = False
     flight: int | None = None
     method: Method = Method.FREQUENCY
-    structure: Structure = FULL
+    structure: ModelStructure = FULL
 
     def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[float], None]]:
         """Progress on stderr, or none."""

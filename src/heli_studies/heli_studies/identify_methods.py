@@ -10,7 +10,7 @@ from rich.console import Console
 from heli_analysis.identification.actuators import IdentifiedAB
 from heli_analysis.identification.doubts import structure_doubts
 from heli_analysis.identification.output_error import MethodAgreement
-from heli_analysis.identification.structure import Rotor, Structure
+from heli_analysis.identification.structure import ModelStructure, Rotor
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.terminal import table
 
@@ -31,16 +31,16 @@ def method_of(name: str) -> Method:
         raise ParameterError(f"--method: {name!r} is not allowed; allowed: {known}") from None
 
 
-def structure_of(rotor: str, yaw_gyro: bool = True) -> Structure:
+def structure_of(rotor: str, yaw_gyro: bool = True) -> ModelStructure:
     """A structure by its rotor's name; raises ParameterError."""
     try:
-        return Structure(Rotor(rotor), yaw_gyro)
+        return ModelStructure(Rotor(rotor), yaw_gyro)
     except ValueError:
         known = ", ".join(Rotor)
         raise ParameterError(f"--structure: {rotor!r} is not allowed; allowed: {known}") from None
 
 
-def structure_text(structure: Structure) -> str:
+def structure_text(structure: ModelStructure) -> str:
     """A structure in words."""
     rotor = {
         Rotor.FULL: "flapping states",

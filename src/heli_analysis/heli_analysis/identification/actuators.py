@@ -59,7 +59,7 @@ from heli_analysis.identification.structure import (
     ROTOR,
     SERVO,
     STATE,
-    Structure,
+    ModelStructure,
 )
 from heli_core.errors import IdentificationCause, IdentificationError
 from heli_core.linear import WIND as WIND_INPUTS
@@ -115,7 +115,7 @@ class IdentifiedAB:
         Trim attitude of the kinematic rows.
     fast : FastModel
         The fitted model of the fast states.
-    structure : Structure
+    structure : ModelStructure
         What it has of them.
     """
 
@@ -139,7 +139,7 @@ class IdentifiedAB:
     phi_rad: float
     theta_rad: float
     fast: FastModel
-    structure: Structure = FULL
+    structure: ModelStructure = FULL
 
 
 def channel_coherence(spectra: Spectra) -> dict[str, float]:
@@ -174,7 +174,7 @@ def fit_actuators(
     round_delay: bool = True,
     prune: bool = True,
     progress: Callable[[str], None] | None = None,
-    structure: Structure = FULL,
+    structure: ModelStructure = FULL,
 ) -> IdentifiedAB:
     """Fit A, B, servos and delay.
 
@@ -192,7 +192,7 @@ def fit_actuators(
         Take for zero what is not told from zero.
     progress : callable, optional
         Told in a few words how far it is.
-    structure : Structure
+    structure : ModelStructure
         Which states the model has.
 
     Raises
@@ -209,7 +209,7 @@ def fit_record(
     start: FastModel | None = None,
     round_delay: bool = True,
     progress: Callable[[str], None] | None = None,
-    structure: Structure = FULL,
+    structure: ModelStructure = FULL,
 ) -> IdentifiedAB:
     """Fit A, B, servos and delay to chirps, doublets or sweeps, as `fit_actuators` does to lines.
 
@@ -236,7 +236,7 @@ def _fit(
     round_delay: bool,
     prune: bool,
     progress: Callable[[str], None] | None,
-    structure: Structure,
+    structure: ModelStructure,
 ) -> IdentifiedAB:
     coherence = channel_coherence(spectra)
     names = _names(spectra, structure)
@@ -315,7 +315,7 @@ def refit_actuators(experiment: Experiment, identified: IdentifiedAB, E: Array) 
     )  # fmt: skip
 
 
-def _names(spectra: Spectra, structure: Structure) -> tuple[str, ...]:
+def _names(spectra: Spectra, structure: ModelStructure) -> tuple[str, ...]:
     """Parameters that this excitation can tell."""
     collective = bool(np.any(spectra.channel == ACTUATORS.index("col")))
     return structure.actuator_parameters(collective)
@@ -326,7 +326,7 @@ def _share_and_sigma(
     spectra: Spectra,
     distortion: float,
     known: tuple[str, ...],
-    structure: Structure,
+    structure: ModelStructure,
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Share of every entry in its row; standard deviations with all entries free but the known.
 
@@ -346,7 +346,7 @@ def _share_and_sigma(
     return share, dict(zip(free, spread.tolist(), strict=True))
 
 
-def _check_physical(model: FastModel, structure: Structure = FULL) -> None:
+def _check_physical(model: FastModel, structure: ModelStructure = FULL) -> None:
     poles = np.linalg.eigvals(model.A)
     fastest = float(np.max(poles.real))
     if fastest > _FASTEST_GROWTH_1PS:
@@ -404,7 +404,7 @@ def _identified(
     delay: tuple[float, float, int],
     dropped: tuple[str, ...],
     coherence: dict[str, float],
-    structure: Structure,
+    structure: ModelStructure,
 ) -> IdentifiedAB:
     A, B, _ = full_matrices(model, *attitude)
     A_sigma, B_sigma = np.zeros((9, 9)), np.zeros((9, 3))

@@ -45,8 +45,8 @@ from heli_analysis.identification.structure import (
     FULL,
     SERVO,
     STATE,
+    ModelStructure,
     Rotor,
-    Structure,
 )
 from heli_core.errors import IdentificationCause, IdentificationError
 from heli_core.rows import ACTUATOR, ACTUATOR_NAMES
@@ -438,7 +438,7 @@ def select(
     spectra: Spectra,
     names: tuple[str, ...],
     first: FastModel,
-    structure: Structure = FULL,
+    structure: ModelStructure = FULL,
     progress: Callable[[str], None] | None = None,
 ) -> Estimate:
     """A loosely converged fit of the entries that the data ask for.
@@ -450,7 +450,7 @@ def select(
         All that may be free.
     first : FastModel
         Start.
-    structure : Structure
+    structure : ModelStructure
     """
     limit = float(np.log(6 * spectra.omega_radps.size))
     kept = tuple(name for name in names if name in structure.kept)
@@ -549,7 +549,7 @@ def _solve(rhs: ComplexArray, columns: dict[str, ComplexArray], weight: Array) -
 class StartSearch:
     """Equation error on the excited lines as a function of servos, delay and flapping."""
 
-    def __init__(self, spectra: Spectra, structure: Structure = FULL) -> None:
+    def __init__(self, spectra: Spectra, structure: ModelStructure = FULL) -> None:
         keep = spectra.omega_radps > _LOWEST_RADPS
         self.structure = structure
         self.s = 1j * spectra.omega_radps[keep]

@@ -31,7 +31,7 @@ from heli_analysis.identification.structure import (
     SCALARS,
     SERVO,
     STATE,
-    Structure,
+    ModelStructure,
 )
 from heli_core.linear import held_and_linear, held_late, with_servos
 from heli_core.rows import ACTUATOR, ACTUATOR_NAMES, NINE
@@ -168,7 +168,7 @@ def gust_parameters() -> tuple[str, ...]:
     return (*(f"E({r},{c})" for r in ("p", "q", "r") for c in VELOCITY_NAMES), "E(r,|w|)")
 
 
-def empty_model(structure: Structure) -> FastModel:
+def empty_model(structure: ModelStructure) -> FastModel:
     """A model of a structure with nothing but what gives its states their scale."""
     return FastModel(*structure.empty_matrices(), 40.0, 0.7, 0.0)
 

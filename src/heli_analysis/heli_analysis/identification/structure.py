@@ -112,7 +112,7 @@ _EXPECTED_OF_GYRO = ("A(p,d_int)",)
 
 
 @dataclass(frozen=True)
-class Structure:
+class ModelStructure:
     """Which states a model has.
 
     Attributes
@@ -171,7 +171,7 @@ class Structure:
         return A, np.zeros((N_FAST, ACTUATOR.size)), np.zeros((N_FAST, AIR.size))
 
 
-FULL = Structure()
+FULL = ModelStructure()
 """Eq. (10) as it is."""
 
 
@@ -185,7 +185,7 @@ def at_once(A: Array, B: Array, E: Array) -> tuple[Array, Array, Array]:
     numpy.linalg.LinAlgError
         The rotor has no equilibrium.
     """
-    absent = Structure(Rotor.QUASI_STATIC).absent
+    absent = ModelStructure(Rotor.QUASI_STATIC).absent
     left = [i for i in range(N_FAST) if i not in absent]
     follows = A[np.ix_(left, absent)] @ np.linalg.inv(A[np.ix_(absent, absent)])
     found = []

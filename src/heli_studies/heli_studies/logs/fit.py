@@ -13,7 +13,7 @@ from rich.console import Console
 from heli_analysis.identification.actuators import IdentifiedAB, fit_record
 from heli_analysis.identification.aperiodic import AperiodicRecord
 from heli_analysis.identification.axis import AxisModel, fit_axis
-from heli_analysis.identification.structure import FULL, Structure
+from heli_analysis.identification.structure import FULL, ModelStructure
 from heli_core.errors import IdentificationError
 from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_core.rows import INPUT_NAMES, STATE_NAMES
@@ -108,7 +108,7 @@ class FittedLog:
         }  # fmt: skip
 
 
-def fit_log(info: LogInfo, structure: Structure = FULL) -> FittedLog:
+def fit_log(info: LogInfo, structure: ModelStructure = FULL) -> FittedLog:
     """Fit all axes that answer, and eq. (10) in a structure."""
     axes = []
     for answer in info.answers:
