@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli design --identified`: from a model that was found in flight to laws."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -41,8 +43,10 @@ def test_a_model_becomes_a_design_without_an_aircraft_file():
 def test_no_proof_is_given_for_another_aircraft_than_the_one_that_is_named(tmp_path, capsys):
     linear = tmp_path / "linear.yaml"
     linear.write_text("/**/plant:\n  ros__parameters:\n    linear_model: blade360\n")
-    assert cli.main(["robust", "--params", str(linear)]) == 2
-    assert "linear_model: blade360" in capsys.readouterr().err
+    assert cli.main(["robust", "--params", str(linear), "--json"]) == 0
+    (judged,) = json.loads(capsys.readouterr().out)["rows"]
+    assert judged["aircraft"] == "blade360" and not judged["certificate"]["applies"]
+    assert judged["growth_per_s"] > 0.0, "with a controller of another aircraft"
 
 
 @pytest.mark.parametrize("command", [["identify", "--out"], ["log", "identify", "a.csv", "--out"]])

@@ -148,7 +148,7 @@ def test_aircraft_means_an_aircraft():
     having = {" ".join(path) for path, command in ALL if "--aircraft" in options(command)}
     assert having == {
         "heli ardupilot", "heli compare aircraft", "heli design", "heli identify", "heli mavlink",
-        "heli px4", "heli tune",
+        "heli px4", "heli robust", "heli tune",
     }  # fmt: skip
 
 

@@ -204,7 +204,7 @@ class TestContradictions:
         for node in ("plant", "observer"):
             for key, value in packaged[node].items():
                 if "gps" in key:
-                    assert settings.nodes[node][key] == value
+                    assert np.array_equal(settings.nodes[node][key], value)
         assert settings.nodes["inner_loop"]["gamma"] == 0.07
 
     def test_the_section_alone_is_a_flight(self, written):

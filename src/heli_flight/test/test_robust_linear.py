@@ -2,6 +2,7 @@
 """Robustness on a linear aircraft, beside python-control's own loop of it."""
 
 import json
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -18,6 +19,7 @@ from heli_dynamics_sim.linear_aircraft import (
     with_entries,
 )
 from heli_flight.cli.app import main
+from heli_flight.settings import resolve
 from heli_studies.published import settings_of
 from heli_studies.robust import feedback_flown
 from heli_studies.robust_linear import CertificateCause, as_dict, judged
@@ -110,6 +112,16 @@ def test_the_poles_of_a_corner_are_those_of_a_file_that_says_so(settings, found,
 
 
 @pytest.mark.slow
+def test_a_controller_of_another_aircraft_is_judged_on_the_one_that_flies():
+    """The packaged one, of helion: on the Blade 360 its loop is not stable, and has no margins."""
+    told = settings_of(NAME, "hinf_output", "paper")
+    foreign = replace(told, nodes={**told.nodes, "inner_loop": resolve().nodes["inner_loop"]})
+    found = judged(foreign, samples=2)
+    assert found.growth_per_s > 0.0 and not found.stable
+    assert [disk.alpha for disk in found.disks.values()] == [0.0] * 3
+    assert found.channels == [] and found.further_delay_s == 0.0
+
+
 def test_a_box_that_is_too_large_has_unstable_aircraft(settings):
     wide = judged(settings, samples=40, size=0.95)
     assert wide.corners.unstable and wide.corners.growth_per_s > 0.0 and not wide.stable

@@ -8,7 +8,7 @@ of its corners and inside: an unstable aircraft that is found is one, none found
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -40,6 +40,7 @@ from heli_inner_hinf.loops import (
     closed_loop,
     disk_margin,
     further_delay_s,
+    sampled_plant,
 )
 from heli_inner_hinf.mu import DiskMargin
 from heli_inner_hinf.tuning import model_of
@@ -167,6 +168,10 @@ def judged(settings: Settings, samples: int = SAMPLES, size: float = SIZE) -> Li
             f"heli robust: the linear form of {config.controller} is not known; allowed: hinf, "
             "hinf_output, lqr, pid, lqg"
         )
+    # The controller may be designed for another aircraft: what is judged is the loop that flies.
+    A, B, E, _ = aircraft.nine()
+    model = replace(model_of(config), A=A, B=B, E=E)
+    loop = replace(loop, plant=sampled_plant(model, actuation))
     law, entries = feedback_flown(settings), attitude_entries(tree)
     draw = np.random.default_rng(_SEED)
     corners = draw.choice([1.0 - size, 1.0 + size], (samples, len(entries)))
@@ -179,7 +184,7 @@ def judged(settings: Settings, samples: int = SAMPLES, size: float = SIZE) -> Li
         growth_per_s=growth(aircraft, law, actuation),
         disks={at: disk_margin(loop, at) for at in BROKEN_AT},
         channels=_channels(loop),
-        further_delay_s=further_delay_s(loop, model_of(config), actuation, LONGEST_DELAY_S),
+        further_delay_s=further_delay_s(loop, model, actuation, LONGEST_DELAY_S),
         entries=entries,
         corners=_sampled(tree, entries, corners, law, actuation),
         inside=_sampled(tree, entries, inside, law, actuation),
