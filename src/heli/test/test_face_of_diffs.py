@@ -137,7 +137,7 @@ def test_what_comes_after_the_patience_is_said_at_once(monkeypatch, capsys):
         def __init__(self, after_s, begin):
             self.start, self.cancel = begin, lambda: None
 
-    monkeypatch.setattr("heli.flying.threading.Timer", AtOnce)
+    monkeypatch.setattr("heli_flight.terminal.threading.Timer", AtOnce)
     heli.design(aircraft="xcell60", gamma_factor=1.2)
     lines = capsys.readouterr().err.splitlines()
     assert "heli.design: trim and linear model ..." in lines

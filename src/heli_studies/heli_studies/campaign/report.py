@@ -150,9 +150,10 @@ def _cumulative(figures: Figures, bound: float, words: str, count: int) -> Panel
     traces = []
     for label, (role, values) in figures.items():
         known = np.sort(values[np.isfinite(values)])
-        x = np.concatenate(([0.0], np.repeat(known, 2)))
+        end = max([*known[-1:], _ROOM * bound if words else 0.0])  # beyond the bound, to show it
+        x = np.concatenate(([0.0], np.repeat(known, 2), [end]))
         steps = np.arange(len(known) + 1) / max(count, 1)
-        traces.append(Trace(x, np.repeat(steps, 2)[:-1], label, role))
+        traces.append(Trace(x, np.repeat(steps, 2), label, role))
     if words:
         traces.append(_upright(bound, 1.0, words))
     return Panel("share of flights", "", traces, y_range=(0.0, 1.03))
@@ -606,7 +607,7 @@ def _verdicts(campaign: CampaignFolder) -> list[tuple[str, str, str]]:
         )
     else:
         mark, tone = "✓", "good"
-        words = f"All {summary.flights} flights {inside}; of failing, {sure}."
+        words = f"All {summary.flights} flights {inside}; share that fails, {sure}."
     verdict_rows = [(mark, tone, words)]
     if campaign.missing:
         words = f"{campaign.missing} of {campaign.about['flights']} flights have no row yet."
