@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli.arguments import in_python, refused
-from heli.flight import NAVIGATION, WINDOWS, Flight, as_dataframe, html_table, unknown_metric
+from heli.flight import NAVIGATION, WINDOWS, Flight, MetricsByName, as_dataframe, html_table
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.report import diff as beside
 
@@ -62,7 +62,7 @@ class Compared:
         return f"{' / '.join(cells)} {self.unit}{more}"
 
 
-class ComparedMetrics(Mapping[str, Compared]):
+class ComparedMetrics(MetricsByName[Compared]):
     """Metrics of all flights by name, from the state estimate over the scored windows.
 
     Parameters
@@ -100,27 +100,6 @@ class ComparedMetrics(Mapping[str, Compared]):
             of_it = sorted(pair[1] for pair in known if pair[0] == source)
             raise refused("stretch", stretch, f"of {source}: {', '.join(of_it)}")
         return ComparedMetrics(self._rows, source, stretch)
-
-    def __getitem__(self, name: str) -> Compared:
-        if name not in self._by_name:
-            raise KeyError(unknown_metric(name, self._by_name))
-        return self._by_name[name]
-
-    def __getattr__(self, name: str) -> Compared:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        if name not in self._by_name:
-            raise AttributeError(unknown_metric(name, self._by_name))
-        return self._by_name[name]
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._by_name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        return len(self._by_name)
 
 
 class Diff:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -307,7 +307,37 @@ def unknown_metric(name: Any, known: Iterable[str]) -> str:
     return f"no metric {name!r}; {meant}known: {all_names}"
 
 
-class Metrics(Mapping[str, Metric]):
+_Named = TypeVar("_Named")
+
+
+class MetricsByName(Mapping[str, _Named]):
+    """`metrics["altitude"]` and `metrics.altitude`; another name is answered by those there are."""
+
+    _by_name: Mapping[str, _Named]
+
+    def __getitem__(self, name: str) -> _Named:
+        if name not in self._by_name:
+            raise KeyError(unknown_metric(name, self._by_name))
+        return self._by_name[name]
+
+    def __getattr__(self, name: str) -> _Named:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name not in self._by_name:
+            raise AttributeError(unknown_metric(name, self._by_name))
+        return self._by_name[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._by_name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+
+class Metrics(MetricsByName[Metric]):
     """Metrics by name: `metrics["altitude"]`, `metrics.altitude`; others by `of`.
 
     From the state estimate over the scored windows.
@@ -351,27 +381,6 @@ class Metrics(Mapping[str, Metric]):
             if name not in tuple(known):
                 raise refused(what, name, ", ".join(known))
         return Metrics(self._figures, source, stretch)
-
-    def __getitem__(self, name: str) -> Metric:
-        if name not in self._by_name:
-            raise KeyError(unknown_metric(name, self._by_name))
-        return self._by_name[name]
-
-    def __getattr__(self, name: str) -> Metric:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        if name not in self._by_name:
-            raise AttributeError(unknown_metric(name, self._by_name))
-        return self._by_name[name]
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._by_name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        return len(self._by_name)
 
     def rows(self) -> list[tuple[str, ...]]:
         """Each metric as text: name, label, value, rms, bound, verdict."""

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_core.jit import copy, njit, njit_inlined, referred, scratch
+from heli_core.jit import copy, fill, njit, njit_inlined, referred, scratch
 from heli_core.rows import ACTUATOR, AIR, PLANT
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams
 from heli_dynamics_sim.airframe import (
@@ -143,7 +143,7 @@ def off_nominal(x, k):
 # -------------------------------------------------------------------------------------------------
 
 
-_N_STATE = PLANT.size
+_N_STATE, _N_COMMAND = PLANT.size, ACTUATOR.size
 
 
 @njit
@@ -282,18 +282,11 @@ def specific_force(x, air, k, out):
 def angular_acceleration(x, air, k, out):
     """Derivatives of the body rates, rad/s2, of the same loads as `specific_force`: fills out (3,).
 
-    k is a HelicopterParams.
+    No command bears on them: it moves the servos first. k is a HelicopterParams.
     """
-    if is_off_nominal(k):
-        k = referred(off_nominal(x, k))
-    at_main, at_tail, at_body = airspeeds(x, air)
-    _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
-    flow = rotor_flow(x, at_main, k)
-    force, moment, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
-    _, twist = ground_loads(x, k.ground)
-    slopes = scratch(_N_STATE)
-    turning = moment[0] + twist[0], moment[1] + twist[1], moment[2] + twist[2]
-    rigid_body_rates(x, force, turning, k.body, slopes)
+    slopes, u = scratch(_N_STATE), scratch(_N_COMMAND)
+    fill(u, 0.0)
+    derivative_kernel(x, u, air, k, slopes)
     copy(out, slopes[PLANT.rate])
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A command that takes long says what it is at, to people at a terminal alone."""
 
-import time
+from functools import partial
 
 import pytest
 
@@ -18,10 +18,18 @@ def test_only_a_terminal_is_told(monkeypatch, at_terminal):
     assert told == [("heli score", not at_terminal)]
 
 
-def test_each_step_is_said_once_it_is_long(capsys):
-    with terminal.told_when_long("heli score", after_s=0.0) as tell:
+def test_each_step_is_said_once_it_is_long(monkeypatch, capsys):
+    begin = []
+
+    class Kept:
+        def __init__(self, after_s, call):
+            self.start, self.cancel = partial(begin.append, call), lambda: None
+
+    monkeypatch.setattr(terminal.threading, "Timer", Kept)
+    with terminal.told_when_long("heli score") as tell:
         tell("reads")
-        while "reads" not in capsys.readouterr().err:
-            time.sleep(0.01)
+        assert capsys.readouterr().err == ""
+        begin[0]()
+        assert "reads" in capsys.readouterr().err
         tell("draws")
         assert "draws" in capsys.readouterr().err
