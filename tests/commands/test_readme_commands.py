@@ -43,6 +43,7 @@ SHORTER = {
     "./hover_test.sh --live --live-wait": "--live-port 0",
     "./heli replay": "--port 0",
     "./heli hover": "--duration 4",
+    "./heli hover --one-process --scenario waypoints": "--no-report",  # as long as its path
     "./heli campaign --seeds": "--seeds 1 --duration 6",
     "./heli compare attitude": "--seeds 1 --duration 6",
     "./heli compare robustness": "--n 1 --duration 6",
