@@ -42,6 +42,7 @@ SHORTER = {
     "./hover_test.sh --live": "--duration 2 --no-report --live-port 0 --foxglove-port 0",
     "./hover_test.sh --live --live-wait": "--live-port 0",
     "./heli replay": "--port 0",
+    "./heli ardupilot --live": "--live-port 0",
     "./heli hover": "--duration 4",
     "./heli hover --one-process --scenario waypoints": "--no-report",  # as long as its path
     "./heli campaign --seeds": "--seeds 1 --duration 6",
@@ -57,7 +58,8 @@ SHORTER = {
 NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/",
                 "./heli goto")  # fmt: skip
 # Commands that run until they are interrupted: their first words are waited for.
-ENDLESS = ("./heli run", "./heli replay", "./hover_test.sh --live --live-wait")
+ENDLESS = ("./heli run", "./heli replay", "./hover_test.sh --live --live-wait",
+           "./heli ardupilot --live")  # fmt: skip
 PROGRAMS = ("./", "heli ", "ros2 ", "rosdep ", "python ", "colcon ")
 # `py`: parts of a pilot's script; `test_pilot_client_flown.py` flies such.
 NOT_SHELL = ("mermaid", "yaml", "json", "text", "py")
@@ -303,6 +305,8 @@ def check_rviz2(command):
 def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, launch):
     """From top to bottom, as a reader would."""
     text = (ROOT / readme).read_text(encoding="utf-8")
+    if "--out my_aircraft.yaml" in text:  # the reader makes it
+        (clone / "my_aircraft.yaml").unlink()
     for block in blocks(text):
         for command in commands(block):
             if command.startswith("ros2 "):
