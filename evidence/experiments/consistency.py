@@ -11,7 +11,7 @@ packaged, so what of the receiver's first fix lasts (drift, multipath, a wrong f
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -28,6 +28,7 @@ from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.sensors import dilution
 from heli_flight.layers import GPS_PRESETS
 from heli_flight.loop import build, fly_loop
+from heli_flight.record import FlightRecord
 from heli_flight.settings import Settings, resolve
 from heli_inner_hinf.controller_state import AttitudeParams
 from heli_inner_hinf.design import AttitudeConfig
@@ -63,10 +64,17 @@ def normalised(world: str, gps: str, seed: int) -> dict[str, np.ndarray]:
     """Mean over a flight of the normalised errors squared (3,): north, east, down."""
     settings, law = settings_of(world, gps)
     flown = settings.with_seed(seed)
-    r = fly_loop(build(flown, law=law), flown).record
-    home = lasting_error_m(flown)
+    record = fly_loop(build(flown, law=law), flown).record
+    return normalised_of(record, lasting_error_m(flown))
+
+
+def normalised_of(r: FlightRecord, home_m: np.ndarray) -> dict[str, np.ndarray]:
+    """Mean over a flight of the normalised errors squared (3,): north, east, down.
+
+    home_m (3,), NED, is taken off the position's.
+    """
     ratios = {
-        "position": (r.nav_pos_ned_m - r.truth_pos_ned_m - home, r.nav_sigma_pos_m),
+        "position": (r.nav_pos_ned_m - r.truth_pos_ned_m - home_m, r.nav_sigma_pos_m),
         "velocity": (r.nav_vel_ned_mps - r.truth_vel_ned_mps, r.nav_sigma_vel_mps),
         "attitude": (rotation_between(r.truth_q_nb, r.nav_q_nb), r.nav_sigma_att_rad),
     }
@@ -83,15 +91,20 @@ def consistency_found(options: Options) -> dict[str, Any]:
     for place in normalised.places(options):
         row: dict[str, Any] = {**place.point}
         for name in QUANTITIES:
-            flights = np.array([flight[name] for flight in place.flights])
-            row[name] = {
-                "nees_over_dof": float(flights.mean()),
-                "by_axis": flights.mean(axis=0).tolist(),
-                "median": float(np.median(flights.mean(axis=1))),
-                "worst": float(flights.mean(axis=1).max()),
-            }
+            row[name] = over_flights([flight[name] for flight in place.flights])
         rows.append(row)
     return {"goal": list(GOAL), "rows": rows}
+
+
+def over_flights(flights: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Normalised errors squared of flights, (3,) each: their mean, and the worst."""
+    each = np.array(flights)
+    return {
+        "nees_over_dof": float(each.mean()),
+        "by_axis": each.mean(axis=0).tolist(),
+        "median": float(np.median(each.mean(axis=1))),
+        "worst": float(each.mean(axis=1).max()),
+    }
 
 
 # -------------------------------------------------------------------------------------------------
@@ -123,12 +136,17 @@ def consistency_table(results: Mapping[str, Any]) -> str:
     for row in results["rows"]:
         cells = [f"{row['world']}, {row['gps']}"]
         for name in QUANTITIES:
-            found = row[name]
-            mean = f"{found['nees_over_dof']:.2f}"
-            mean = mean if low <= found["nees_over_dof"] <= high else f"**{mean}**"
-            cells.append(f"{mean} ({three(found['by_axis'], 2)}; {found['worst']:.1f})")
+            cells.append(cell(row[name], results["goal"]))
         rows.append(cells)
     return grid(["world, GPS", *(f"{name}, goal {low:g} to {high:g}" for name in QUANTITIES)], rows)
+
+
+def cell(found: Mapping[str, Any], goal: Sequence[float]) -> str:
+    """Mean (by axis; worst flight) of `over_flights`; bold outside of the goal."""
+    low, high = goal
+    mean = f"{found['nees_over_dof']:.2f}"
+    mean = mean if low <= found["nees_over_dof"] <= high else f"**{mean}**"
+    return f"{mean} ({three(found['by_axis'], 2)}; {found['worst']:.1f})"
 
 
 if __name__ == "__main__":

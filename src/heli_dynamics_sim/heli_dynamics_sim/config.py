@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from heli_core.errors import ParameterCause, ParameterError, PlantConfigError
 from heli_core.faults import Fault, faults_of
 from heli_core.jit import by_reference
+from heli_core.linear import held_and_linear
 from heli_core.sensors import PLAIN, SENSORS
 from heli_core.ticks import OF_100_HZ, TICK_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
@@ -25,6 +26,7 @@ from heli_dynamics_sim.sensors import (
     GpsParams,
     ImuErrorParams,
     ImuParams,
+    LowpassParams,
     MagParams,
     PlainParams,
     PortParams,
@@ -144,8 +146,37 @@ def _imu_errors(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> I
     limits = np.array([get("imu.accel_range_mps2"), get("imu.gyro_range_radps")])
     ranges = np.repeat(np.where(limits > 0.0, limits, np.inf), 3)
     clock_s = get("imu.clock_jitter_s")
-    on = vibration.on or clock_s > 0.0 or gain_sigma.any() or (limits > 0.0).any()
-    return ImuErrorParams(bool(on), vibration, clock_s, ranges, gain_sigma, tick_s)
+    lowpass = _lowpass(get("imu.lowpass_motion"), get("imu.lowpass_hz"), tick_s)
+    on = vibration.on or clock_s > 0.0 or gain_sigma.any() or (limits > 0.0).any() or lowpass.on
+    return ImuErrorParams(bool(on), vibration, clock_s, ranges, gain_sigma, tick_s, lowpass)
+
+
+LONGEST_IMU_DELAY_S = 0.05
+"""Longer than any setting of the InvenSense register maps has: 33.5 ms at 5 Hz."""
+
+
+def imu_delay_s(lowpass_motion: bool, lowpass_hz: float) -> float:
+    """How late an IMU reads slow motion: the group delay of its low-pass at 0 Hz; 0.0: not."""
+    if not lowpass_motion or lowpass_hz == 0.0:
+        return 0.0
+    return math.sqrt(2.0) / (2.0 * math.pi * lowpass_hz)
+
+
+def _lowpass(on: bool, lowpass_hz: float, tick_s: float) -> LowpassParams:
+    if not on:
+        return LowpassParams(False, np.zeros((2, 2)), np.zeros(2), np.zeros(2))
+    least_hz = math.sqrt(2.0) / (2.0 * math.pi * LONGEST_IMU_DELAY_S)
+    if lowpass_hz < least_hz:
+        raise PlantConfigError(
+            f"{lowpass_hz:g} is not allowed with sensors.imu.lowpass_motion; allowed: at least "
+            f"{least_hz:.3g}, which is {LONGEST_IMU_DELAY_S:g} s late",
+            ParameterCause.CONFLICT,
+            key="sensors.imu.lowpass_hz",
+        )
+    w = 2.0 * math.pi * lowpass_hz
+    A, B = np.array([[0.0, 1.0], [-w * w, -math.sqrt(2.0) * w]]), np.array([[0.0], [w * w]])
+    Phi, _, g0, g1 = held_and_linear(A, np.zeros((2, 0)), B, tick_s)
+    return LowpassParams(True, Phi, g0[:, 0].copy(), g1[:, 0].copy())
 
 
 def _power_field(get: _Get) -> PowerFieldParams:

@@ -97,6 +97,7 @@ SENSORS: tuple[Parameter, ...] = (
     ),
     real("sensors.imu.average_s", "Vibration: IMU averages over; 0: not", "s", 0.0, 0.1),
     real("sensors.imu.lowpass_hz", "Vibration: IMU's low-pass; 0: none", "Hz", 0.0, 1e4),
+    row("sensors.imu.lowpass_motion", "bool", "The motion goes through that low-pass, too: delay"),
     real("sensors.imu.clock_jitter_s", "Instant of sampling about the stamp", "s", 0.0, 0.005),
     _amplitude("rev_mps2", "Acceleration at 1/rev, each axis", "m/s2", 500.0),
     _amplitude("rev_radps", "Rate at 1/rev, each axis", "rad/s", 50.0),

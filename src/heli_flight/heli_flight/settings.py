@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import os
 import subprocess
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ from heli_core.rows import ACTUATOR
 from heli_core.signals import NOTHING
 from heli_core.ticks import TICKS_PER_S, Rate
 from heli_dynamics_sim.aircraft import AircraftError, find_aircraft
-from heli_dynamics_sim.config import PlantConfig
+from heli_dynamics_sim.config import PlantConfig, imu_delay_s
 from heli_flight import scenario as scenario_table
 from heli_flight.layers import (
     AUTOPILOTS,
@@ -541,7 +541,7 @@ def resolve(
     in_world = (overrides or {}).get(WORLD_SECTION)
     layers = layered(read, name, receiver, around, fitting, drawn_by, control, in_world)
     values = _over(layers, fitting, line, options, overrides or {})
-    values["observer"] |= _arms_as_mounted(files, values["plant"], overrides or {})
+    values["observer"] |= _sensors_as_built(files, values["plant"], overrides or {})
     unread = _unread(read, values["inner_loop"], fitting, overrides or {})
     by_hand = [one for one, file in zip(fitting, user, strict=True) if "commit" not in file.section]
     for node in NODES:
@@ -590,29 +590,44 @@ _BY_SCENARIO = {
     "schedule.gps_latency_ticks": "plant: sensors.gps.latency_ticks",
     "ekf.imu.lever_arm_m": "plant: sensors.imu.lever_arm_m",
     "ekf.gps.lever_arm_m": "plant: sensors.gps.lever_arm_m",
+    "ekf.imu.delay_s": "plant: sensors.imu.lowpass_motion",
 }
 """By parameter of a node what decides it in a flight."""
 
 
-def _arms_as_mounted(
+def _itself(value: Any) -> Any:
+    return value
+
+
+_TOLD: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "ekf.imu.lever_arm_m": (_itself, ("sensors.imu.lever_arm_m",)),
+    "ekf.gps.lever_arm_m": (_itself, ("sensors.gps.lever_arm_m",)),
+    "ekf.imu.delay_s": (imu_delay_s, ("sensors.imu.lowpass_motion", "sensors.imu.lowpass_hz")),
+}
+"""By parameter of the observer: how it follows from which of the plant."""
+
+
+def _sensors_as_built(
     files: Sequence[ParameterFile],
     plant: Mapping[str, Any],
     overrides: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:
-    """The lever arms that the plant tells the observer: those that nobody gives it otherwise.
+    """What the plant tells the observer of its sensors: all that nobody gives it otherwise.
 
     A value of its own that the same files give the plant, too, as those of a flight that was flown
     do, is none that is meant otherwise.
     """
     told = {}
-    for sensor in ("imu", "gps"):
-        mounted, known = f"sensors.{sensor}.lever_arm_m", f"ekf.{sensor}.lever_arm_m"
-        own, of_plant = assigned(files, "observer", known), assigned(files, "plant", mounted)
+    for known, (follows, names) in _TOLD.items():
+        own = assigned(files, "observer", known)
+        given = {name: assigned(files, "plant", name) for name in names}
+        in_files = {name: one.value for name, one in given.items() if one is not None}
         meant = own is not None and not (
-            of_plant is not None and equal_values(own.value, of_plant.value)
+            in_files
+            and equal_values(own.value, follows(*({**plant, **in_files}[name] for name in names)))
         )
         if not meant and known not in overrides.get("observer", {}):
-            told[known] = plant[mounted]
+            told[known] = follows(*(plant[name] for name in names))
     return told
 
 

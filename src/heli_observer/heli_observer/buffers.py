@@ -253,6 +253,51 @@ def take_tick(state, tick, sample, k):
 
 
 # -------------------------------------------------------------------------------------------------
+# An IMU whose filters are late by a known time (`ekf.imu.delay_s`): the motion of a tick is what
+# the samples after it say, on a straight line between two of them. Behind the newest one the mean
+# over about a turn of the rotor goes on: one sample alone has all of the vibration in it.
+# -------------------------------------------------------------------------------------------------
+
+GOES_ON_S = 0.03
+"""Time over which that mean is taken."""
+
+
+@njit
+def said_at(tick, newest, k):
+    """The newest tick whose sample tells the motion of a tick; k is an EkfParams."""
+    return min(tick + k.late_ticks + (k.late_part > 0.0), newest)
+
+
+@njit
+def _sample_at(imu, tick, newest, mean_ticks, row):
+    """Fill row (7,) with the sample of a tick, or with what goes on behind the newest one."""
+    size = imu.shape[0]
+    copy_part(row, 0, imu[min(tick, newest) % size], 0, L.RING.size)
+    if tick > newest:
+        for back in range(1, mean_ticks):
+            for i in range(IMU.size):
+                row[i] += imu[(newest - back) % size, i]
+        for i in range(IMU.size):
+            row[i] /= mean_ticks
+
+
+@njit
+def motion_at(imu, tick, newest, k, row):
+    """Fill row (7,) with what the ring imu (slots, 7) says of the motion of a tick.
+
+    newest is the newest tick in the ring, k an EkfParams.
+    """
+    first = tick + k.late_ticks
+    _sample_at(imu, first, newest, k.mean_ticks, row)
+    if k.late_part > 0.0:
+        after = scratch(_N_IMU)
+        _sample_at(imu, first + 1, newest, k.mean_ticks, after)
+        for i in range(IMU.size):
+            row[i] += k.late_part * (after[i] - row[i])
+        row[L.RING.replaced] = max(row[L.RING.replaced], after[L.RING.replaced])
+
+
+# -------------------------------------------------------------------------------------------------
 # Samples that come late or not at all, put into the ring buffers before the filter reads them.
 # -------------------------------------------------------------------------------------------------
 

@@ -17,14 +17,15 @@ import math
 
 import numpy as np
 
-from heli_core.jit import copy_matrix, copy_part, fill, njit
+from heli_core.jit import copy_matrix, copy_part, fill, njit, scratch
 from heli_core.rows import IMU, MEAS
 from heli_observer import layout as L
-from heli_observer.buffers import SAME, usable_imu
+from heli_observer.buffers import SAME, motion_at, usable_imu
 from heli_observer.ekf import predict
 from heli_observer.fault_detection import TICKS, accept_velocity, forget, from_where, take_row
 from heli_observer.layout import PAIR
 
+_N_RING = L.RING.size  # a length of what lies on the stack
 FAST_S, OFFSET_S = 0.1, 20.0
 """Time constants: of how far they are apart now, and of what of that stays."""
 LEARN_TICKS = 50
@@ -108,8 +109,10 @@ def _judge(state, which, row, k):
 @njit
 def _carry(state, which, tick, k):
     """Bring one of the two filters to a tick."""
-    pair = state.pair
-    before, now = pair.ring[which, (tick - 1) % TICKS], pair.ring[which, tick % TICKS]
+    pair, newest = state.pair, state.count[L.COUNT.tick]
+    before, now = scratch(_N_RING), scratch(_N_RING)
+    motion_at(pair.ring[which], tick - 1, newest, k, before)
+    motion_at(pair.ring[which], tick, newest, k, now)
     predict(pair.nominal[which], pair.P[which], before, now, k)
 
 

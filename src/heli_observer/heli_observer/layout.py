@@ -523,6 +523,9 @@ class EkfParams(NamedTuple):
     arms: bool  # whether IMU or antenna are elsewhere than at the c.g.
     imu_arm_m: NDArray[np.float64]  # (3,) from the c.g., body FRD
     antenna_m: NDArray[np.float64]  # (3,) from the IMU, body FRD
+    late_ticks: int  # a sample of the IMU is of the motion so long before, and of a part of a
+    late_part: float  # tick more
+    mean_ticks: int  # over which a mean is taken that goes on behind the newest sample
 
 
 @by_reference

@@ -26,11 +26,14 @@ from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_observer import layout as L
 from heli_observer.buffers import (
+    GOES_ON_S,
     SAME,
     hear_fix,
     hear_imu,
     interpolate_gap,
+    motion_at,
     replaced_for_long,
+    said_at,
     store_aids,
     store_gps,
     take_tick,
@@ -123,6 +126,7 @@ def _ekf_params(v: Mapping[str, Any], tick_s: float) -> EkfParams:
     imu_arm_m, gps_arm_m = (
         np.array(v[f"ekf.{sensor}.lever_arm_m"], dtype=np.float64) for sensor in ("imu", "gps")
     )
+    late = v["ekf.imu.delay_s"] / tick_s
     probability = v["ekf.gate_probability"]
     gates = np.array([0.0] + [2.0 * gammaincinv(0.5 * dof, probability) for dof in (1, 2, 3)])
     return EkfParams(
@@ -154,6 +158,9 @@ def _ekf_params(v: Mapping[str, Any], tick_s: float) -> EkfParams:
         arms=bool(imu_arm_m.any() or gps_arm_m.any()),
         imu_arm_m=imu_arm_m,
         antenna_m=gps_arm_m - imu_arm_m,
+        late_ticks=int(late),
+        late_part=late - int(late),
+        mean_ticks=max(1, round(GOES_ON_S / tick_s)),
     )
 
 
@@ -207,6 +214,13 @@ class ObserverConfig:
                 f"ekf.horizon_ticks = {v['ekf.horizon_ticks']} is less than "
                 f"schedule.gps_latency_ticks = {v['schedule.gps_latency_ticks']}: "
                 "every fix would be too old to be fused"
+            )
+        late_ticks = v["ekf.imu.delay_s"] / self.rate.tick_s
+        if late_ticks > self.rate.of(v["ekf.horizon_ticks"]):
+            raise ObserverConfigError(
+                f"ekf.imu.delay_s = {v['ekf.imu.delay_s']:g} is longer than "
+                f"ekf.horizon_ticks = {v['ekf.horizon_ticks']}: what the samples of the IMU are of "
+                "would be known after the filter has been there"
             )
         local = np.asarray(v["ekf.mag.field_ned_t"])
         if np.hypot(local[0], local[1]) < 5e-6:
@@ -268,7 +282,7 @@ __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state",
 __all__ += ["status"]
 
 # Lengths of what lies on the stack.
-_N_ERROR, _N_OUTPUT, _N_IMU = L.ERROR.size, L.OUTPUT.size, IMU.size
+_N_ERROR, _N_OUTPUT, _N_IMU, _N_RING = L.ERROR.size, L.OUTPUT.size, IMU.size, L.RING.size
 _N_MEAS, _N_ACTUATOR = MEAS.sensed, ACTUATOR.size
 _OK = int(ObserverStatus.OK)
 _ALIGNING = int(ObserverStatus.ALIGNING)
@@ -387,34 +401,38 @@ def _filter_step(state, horizon, tick, k):
 
     Returns whether it is lost, as `_fuse_slot` does.
     """
-    x, P, imu, size = state.nominal, state.P, state.imu, state.imu.shape[0]
-    if horizon <= state.count[L.COUNT.begun]:
+    x, P, imu = state.nominal, state.P, state.imu
+    before, now = scratch(_N_RING), scratch(_N_RING)
+    begins = horizon <= state.count[L.COUNT.begun]
+    said = said_at(horizon, tick, k.ekf)
+    bridged = not begins and interpolate_gap(imu, said, tick, k.ekf.dt_s, P)
+    motion_at(imu, horizon - 1, tick, k.ekf, before)
+    motion_at(imu, horizon, tick, k.ekf, now)
+    if begins:
         predict_without_imu(x, P, k.ekf)
     else:
-        bridged = interpolate_gap(imu, horizon, tick, k.ekf.dt_s, P)
-        predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
-        if not bridged and replaced_for_long(imu, horizon):
+        predict(x, P, before, now, k.ekf)
+        if not bridged and replaced_for_long(imu, said):
             widen_covariance(P, k.ekf.dt_s)
-    row = state.aid[horizon % size]
+    row = state.aid[horizon % state.aid.shape[0]]
     if k.ekf.arms:
-        move_fix_to_imu(
-            x[L.NOMINAL.quat :], x[L.NOMINAL.gyro_bias :], imu[horizon % size], row, k.ekf
-        )
-    _watch_heading(state, horizon, tick, row, k)
-    keep_window(state, horizon, imu[horizon % size], row)
+        move_fix_to_imu(x[L.NOMINAL.quat :], x[L.NOMINAL.gyro_bias :], now, row, k.ekf)
+    _watch_heading(state, horizon, tick, before, now, row, k)
+    keep_window(state, horizon, now, row)
     return _fuse_slot(state, tick, horizon, row, k)
 
 
 @njit
-def _watch_heading(state, horizon, tick, row, k):
+def _watch_heading(state, horizon, tick, before, now, row, k):
     """Let the bank of headings see what the ring slot `row` of the horizon holds.
 
     It changes nothing of the filter, unless their headings have disagreed for long enough, and
-    nothing speaks against the bank (`may_take`): then the disagreement is only told.
+    nothing speaks against the bank (`may_take`): then the disagreement is only told. before, now:
+    motion (7,) at the tick before the horizon, and at it.
     """
-    imu, bank = state.imu, state.yaw
+    bank = state.yaw
     if horizon > state.count[L.COUNT.begun]:
-        carry_bank(state, imu[(horizon - 1) % imu.shape[0]], imu[horizon % imu.shape[0]], k.ekf)
+        carry_bank(state, before, now, k.ekf)
     if row[L.AID.gps_valid] > 0.0:
         fuse_bank(bank, row[L.AID.gps_vel : L.AID.gps_vel + 3], k.ekf)
         if judge_heading(state, horizon, k) and may_take(state, horizon, k):
@@ -482,11 +500,13 @@ def _navigation_output(state, tick, k, out):
     a_ned, R = scratch(3), scratch_matrix(3, 3)
     fill(a_ned, 0.0)
     fill_matrix(R, 0.0)
+    imu0, imu1 = scratch(_N_RING), scratch(_N_RING)
     for t in range(tick - k.horizon_ticks, tick):
         if t < state.count[L.COUNT.begun]:
             strapdown_without_imu(now, k.ekf.dt_s)
         else:
-            imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
+            motion_at(state.imu, t, tick, k.ekf, imu0)
+            motion_at(state.imu, t + 1, tick, k.ekf, imu1)
             strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
     copy_part(out[NAV.pos], 0, now, L.NOMINAL.pos, 3)
     copy_part(out[NAV.vel], 0, now, L.NOMINAL.vel, 3)

@@ -62,6 +62,8 @@ TABLE: tuple[Parameter, ...] = (
     _sigma("ekf.imu.accel_limit_mps2", "Larger specific forces are not believed", "m/s2", 1e4),
     _sigma("ekf.imu.rate_limit_radps", "Larger rates are not believed", "rad/s", 1e3),
     _lever_arm("imu", "IMU"),
+    _row("ekf.imu.delay_s", "double", "A sample is of the motion so long before its stamp", "s",
+         lower=0.0, upper=0.05),
     _row("imu2.enabled", "bool", "Whether there is a second IMU, on imu2/data_raw"),
     _sigma("imu2.offset_mps2", "Largest lasting difference of two IMUs, each axis", "m/s2", 10.0),
     _sigma("imu2.offset_radps", "The same of their rates", "rad/s", 1.0),
