@@ -313,6 +313,8 @@ class Ah1sPlant:
     Attributes
     ----------
     status : PlantStatus
+    speed_at_start_mps : float
+        Over ground, at the hand-over.
     rotor_share : list of float
         Speed of the rotor over the governed one, at each tick.
     """
@@ -336,6 +338,7 @@ class Ah1sPlant:
         self._streams = NoiseStreams(int(values["seed"]))
         self._governed = float(nodes["outer_loop"]["rotor.omega"])
         self._aircraft, hold = hovering(-self._start[2], self._settle_s, self._air)
+        self.speed_at_start_mps = float(np.linalg.norm(self._aircraft.vel_body_mps))
         self._origin = self._start - self._aircraft.pos_ned_m
         self._aircraft.shake()
         self._trim = hold.sticks()

@@ -38,6 +38,7 @@ COUPLING = 0.25
 """Level 1: roll by pitch and pitch by roll, peak within 4 s over what was commanded."""
 STEP_DEG, STEP_START_S, STEP_S = 5.0, 10.0, 4.0
 WAY_M, CLIMB_M = 15.0, 10.0
+_EARLY_S = 60.0
 _BEGINS_S = 5.0
 """Left out of a hover: what the hand-over leaves."""
 _START = {"start_pos_ned_m": [0.0, 0.0, -FLIGHT_HEIGHT_M]}
@@ -224,6 +225,13 @@ def diagonal(speed_mps, w20_mps, seed=1):
     return Air((each, each, 0.0), w20_mps, seed)
 
 
+def handed_over_early(controller=OUTPUT, observer=False):
+    """In steady wind of 5 m/s, while the simple feedback has not come to rest yet."""
+    plant = Ah1sPlant(diagonal(5.0, 0.0), settle_s=_EARLY_S)
+    flight = flown(controller=controller, observer=observer, air=diagonal(5.0, 0.0), plant=plant)
+    return {"speed_mps": plant.speed_at_start_mps, **away(flight)}
+
+
 def climbed(controller=OUTPUT, observer=False):
     """The hover test's climb of 10 m in still air."""
     return flown(scenario_values={}, controller=controller, observer=observer)
@@ -313,7 +321,7 @@ def comes_to_rest(controller, gain=(1.0,) * 4, further_ticks=(0,) * 4):
         "attitude_steps",
         {},
         controller=controller,
-        plant=Ah1sPlant(gain=gain, further_ticks=further_ticks),
+        plant=Ah1sPlant(gain=gain, further_ticks=further_ticks, settle_s=_EARLY_S),
         outer={
             "level_attitude_deg": np.degrees([trim["trim.phi"], trim["trim.theta"]]).tolist(),
             "sweep.axis": "roll",

@@ -28,6 +28,7 @@ from support.ah1s_flights import (  # noqa: E402
     comes_to_rest,
     diagonal,
     flown,
+    handed_over_early,
     predicted_margins,
     stepped,
     went,
@@ -76,6 +77,13 @@ def test_eq_17_is_not_lost_there_and_does_not_hold_the_heading():
     facts = away(flown(controller=EQ_17, air=diagonal(5.0, 5.0)))
     assert facts["lost"] == "" and facts["down_m"] < HOVER_DOWN_M
     assert facts["heading_deg"] > HOVER_HEADING_DEG
+
+
+def test_handed_over_while_it_drifts_our_observer_shuts_the_fixes_out():
+    """It takes for granted that a flight which begins in the air begins at rest."""
+    known, estimated = (handed_over_early(observer=observer) for observer in (False, True))
+    assert 0.2 < known["speed_mps"] < 0.6
+    assert known["lost"] == "" and estimated["lost"] == PlantStatus.HIT_GROUND.sentence
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
