@@ -6,24 +6,21 @@ Usage: ./heli python -m evidence.experiments.ah1s [--seeds 1..10]
 It needs jsbsim, which set-up does not install. About 130 flights of 3 s each on a core.
 """
 
-import json
 import math
 import os
 import statistics
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import FIT, produces, table
+from evidence.sweep import Options, over, print_result
 from evidence.tables import grid
-from heli_flight.terminal import steps
 
 NEEDS = "jsbsim"
 LIST = "requirements/hashes/jsbsim.txt"
@@ -60,46 +57,42 @@ def _flights() -> Any:
 # What is flown.
 # -------------------------------------------------------------------------------------------------
 
-Task = tuple[Any, ...]
 
+@over()
+def flown(name: str, observer: bool, what: str, wind_mps: float, seed: int) -> dict[str, Any]:
+    """Facts of a flight, or, of a stick's margin, of those that it takes.
 
-def _hover(name: str, observer: bool, wind_mps: float, seed: int) -> dict[str, Any]:
+    Parameters
+    ----------
+    name : str
+        Attitude controller.
+    observer : bool
+        Whether our observer navigates.
+    what : str
+        hover, climb, way, drift, an axis that is stepped, or a stick whose margins are sought.
+    wind_mps : float
+        Wind of a hover; its turbulence is as strong.
+    seed : int
+        Of the turbulence, and of our sensors.
+    """
     f = _flights()
     controller = f.CONTROLLERS[name]
-    air = f.diagonal(wind_mps, wind_mps, seed) if wind_mps else f.STILL
-    facts: dict[str, Any] = f.away(f.flown(controller=controller, observer=observer, air=air))
+    facts: dict[str, Any]
+    if what in f.STICKS:
+        said = f.predicted_margins(controller)[f.STICKS.index(what)]
+        margin = f.flown_margin(what, controller)
+        facts = {"predicted": _margin_of(said), "flown": _margin_of(margin)}
+    elif what in f.AXES:
+        facts = f.stepped(what, controller, observer)
+    elif what == "hover":
+        air = f.diagonal(wind_mps, wind_mps, seed) if wind_mps else f.STILL
+        facts = f.away(f.flown(controller=controller, observer=observer, air=air))
+    elif what == "drift":
+        facts = f.handed_over_early(controller, observer)
+    else:
+        flies = {"climb": f.climbed, "way": f.went}[what]
+        facts = f.away(flies(controller, observer))
     return facts
-
-
-def _drift(name: str, observer: bool) -> dict[str, Any]:
-    f = _flights()
-    facts: dict[str, Any] = f.handed_over_early(f.CONTROLLERS[name], observer)
-    return facts
-
-
-def _climb(name: str, observer: bool) -> dict[str, Any]:
-    f = _flights()
-    facts: dict[str, Any] = f.away(f.climbed(f.CONTROLLERS[name], observer))
-    return facts
-
-
-def _way(name: str, observer: bool) -> dict[str, Any]:
-    f = _flights()
-    facts: dict[str, Any] = f.away(f.went(f.CONTROLLERS[name], observer))
-    return facts
-
-
-def _step(name: str, observer: bool, axis: str) -> dict[str, Any]:
-    f = _flights()
-    facts: dict[str, Any] = f.stepped(axis, f.CONTROLLERS[name], observer)
-    return facts
-
-
-def _margin(name: str, stick: str) -> dict[str, Any]:
-    f = _flights()
-    controller = f.CONTROLLERS[name]
-    said = f.predicted_margins(controller)[f.STICKS.index(stick)]
-    return {"predicted": _margin_of(said), "flown": _margin_of(f.flown_margin(stick, controller))}
 
 
 def _margin_of(margin: Any) -> dict[str, float | None]:
@@ -110,77 +103,72 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _run(task: tuple[Callable[..., dict[str, Any]], Task]) -> dict[str, Any]:
-    flies, words = task
-    return flies(*words)
+def _point(name: str, observer: bool, what: str, wind_mps: float = 0.0) -> dict[str, Any]:
+    return {"name": name, "observer": observer, "what": what, "wind_mps": wind_mps}
 
 
-def flown(seeds: Sequence[int]) -> dict[str, Any]:
+def experiment(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     f = _flights()
     names = tuple(f.CONTROLLERS)
-    hovers = [
-        (name, observer, wind_mps)
-        for name in names
-        for observer in (False, True)
-        for wind_mps in (0.0, *WINDS_MPS.get((name, observer), ()))
-    ]
-    tasks: list[tuple[Callable[..., dict[str, Any]], Task]] = []
-    for name, observer, wind_mps in hovers:
-        own = seeds if wind_mps else seeds[:1]
-        tasks += [(_hover, (name, observer, wind_mps, seed)) for seed in own]
     both = [(name, observer) for name in names for observer in (False, True)]
-    early = [(names[0], observer) for observer in (False, True)]
-    tasks += [(_climb, words) for words in both] + [(_way, words) for words in both]
-    tasks += [(_drift, words) for words in early]
-    tasks += [(_step, (*words, axis)) for words in both for axis in f.AXES]
-    tasks += [(_margin, (name, stick)) for name in names for stick in f.STICKS]
-    about = [_design(f, name) for name in names]  # what the workers share is worked out here
-    found: dict[tuple[str, Task], dict[str, Any]] = {}
-    workers = len(os.sched_getaffinity(0))
-    with (
-        ProcessPoolExecutor(workers, get_context("fork")) as pool,
-        steps("flights", len(tasks)) as progress,
-    ):
-        flights = zip(tasks, pool.map(_run, tasks), strict=True)
-        for done, ((flies, words), facts) in enumerate(flights, start=1):
-            found[flies.__name__, words] = facts
-            progress(done)
-    rows = []
-    for name, observer, wind_mps in hovers:
-        own = seeds if wind_mps else seeds[:1]
-        of_place = [found["_hover", (name, observer, wind_mps, seed)] for seed in own]
-        rows.append({**_place(name, observer), "wind_mps": wind_mps, **_summary(of_place, f)})
+    once = [_point(*who, what) for who in both for what in ("hover", "climb", "way", *f.AXES)]
+    once += [_point(names[0], observer, "drift") for observer in (False, True)]
+    once += [_point(name, False, stick) for name in names for stick in f.STICKS]
+    blown = [_point(*who, "hover", wind) for who in both for wind in WINDS_MPS.get(who, ())]
+    places = [*flown.places(options, blown)]
+    places += flown.places(replace(options, seeds=options.seeds[:1]), once)
+    found = {tuple(place.point.values()): place.flights for place in places}
+
+    def of(what: str) -> list[dict[str, Any]]:
+        return [
+            {**_place(*who), **found[*who, what, 0.0][0]}
+            for who in both
+            if (*who, what, 0.0) in found
+        ]
+
     return {
         "jsbsim": version(NEEDS),
         "required": {
-            "hover_m": f.HOVER_M, "hover_down_m": f.HOVER_DOWN_M, "in_wind_m": f.IN_WIND_M,
-            "heading_deg": f.HOVER_HEADING_DEG, "overshoot": f.OVERSHOOT, "coupling": f.COUPLING,
+            "hover_m": f.HOVER_M,
+            "hover_down_m": f.HOVER_DOWN_M,
+            "in_wind_m": f.IN_WIND_M,
+            "heading_deg": f.HOVER_HEADING_DEG,
+            "overshoot": f.OVERSHOOT,
+            "coupling": f.COUPLING,
         },
         "identified": f.identified_facts(),
-        "designs": about,
-        "hover": rows,
-        "drift": [{**_place(*words), **found["_drift", words]} for words in early],
-        "climb": [{**_place(*words), **found["_climb", words]} for words in both],
-        "way": [{**_place(*words), **found["_way", words]} for words in both],
+        "designs": [{"controller": name, **f.design_facts(f.CONTROLLERS[name])} for name in names],
+        "hover": [
+            {
+                **_place(*who),
+                "wind_mps": wind,
+                **_summary(found[*who, "hover", wind], f.IN_WIND_M),
+            }
+            for who in both
+            for wind in (0.0, *WINDS_MPS.get(who, ()))
+        ],
+        "drift": of("drift"),
+        "climb": of("climb"),
+        "way": of("way"),
         "steps": [
-            {**_place(*words), "axis": axis, **found["_step", (*words, axis)]}
-            for words in both
+            {**_place(*who), "axis": axis, **found[*who, axis, 0.0][0]}
+            for who in both
             for axis in f.AXES
         ],
         "margins": [
-            {"controller": name, "stick": stick, **found["_margin", (name, stick)]}
+            {"controller": name, "stick": stick, **found[name, False, stick, 0.0][0]}
             for name in names
             for stick in f.STICKS
         ],
-    }  # fmt: skip
+    }
 
 
 def _place(name: str, observer: bool) -> dict[str, Any]:
     return {"controller": name, "navigation": _NAVIGATION[observer]}
 
 
-def _summary(flights: Sequence[dict[str, Any]], f: Any) -> dict[str, Any]:
+def _summary(flights: Sequence[dict[str, Any]], within_m: float) -> dict[str, Any]:
     """Medians and worst of the flights that were not lost."""
     kept = [facts for facts in flights if not facts["lost"]]
     keys = ("horizontal_m", "down_m", "heading_deg", "tilt_deg", "at_limit")
@@ -189,7 +177,7 @@ def _summary(flights: Sequence[dict[str, Any]], f: Any) -> dict[str, Any]:
         return counted
     return {
         **counted,
-        "within_2_m": sum(facts["horizontal_m"] < f.IN_WIND_M for facts in kept),
+        "within_2_m": sum(facts["horizontal_m"] < within_m for facts in kept),
         "median": {key: statistics.median(facts[key] for facts in kept) for key in keys},
         "worst": {key: max(facts[key] for facts in kept) for key in keys},
         "rotor_share": [
@@ -197,12 +185,6 @@ def _summary(flights: Sequence[dict[str, Any]], f: Any) -> dict[str, Any]:
             max(facts["rotor_share"][1] for facts in kept),
         ],
     }
-
-
-def _design(f: Any, name: str) -> dict[str, Any]:
-    controller = f.CONTROLLERS[name]
-    facts: dict[str, Any] = {"controller": name, **f.design_facts(controller)}
-    return facts
 
 
 # -------------------------------------------------------------------------------------------------
@@ -257,6 +239,42 @@ def _distances(row: dict[str, Any], several: bool) -> list[str]:
     return cells
 
 
+@table("ah1s_designs")
+def designs(results: Results) -> str:
+    """What was identified in short, and both designs."""
+    record = results["ah1s"]
+    head = ["controller", "gamma / gamma*", "disk margin, input / output", "lag, pitch / roll, s",
+            "K_P, 1/s2", "K_D, 1/s", "disturbance, rad/s", "crossover, rad/s"]  # fmt: skip
+    rows = []
+    for row in record["designs"]:
+        gains = row["position"]
+        rows.append(
+            [
+                _WORDS[row["controller"]],
+                f"{row['gamma']:.3g} / {row['gamma_star']:.3g}",
+                f"{row['disk_input']:.2f} / {row['disk_output']:.2f}",
+                " / ".join(f"{lag_s:.2f}" for lag_s in row["lags_s"]),
+                *(
+                    ", ".join(f"{value:.2g}" for value in values)
+                    for values in (
+                        gains["K_P"],
+                        gains["K_D"],
+                        gains["disturbance.bandwidth_radps"],
+                        row["position_crossovers_radps"],
+                    )
+                ),
+            ]
+        )
+    found = record["identified"]
+    return (
+        f"{grid(head, rows)}\n\nGains forward, right, down. Identified: {found['mass_kg']:.0f} kg, "
+        f"A(p,p) {found['p_p_1ps']:.1f}, A(q,q) {found['q_q_1ps']:.1f}, A(r,r) "
+        f"{found['r_r_1ps']:.2f} 1/s; servos of {found['servo_radps']:.0f} rad/s, "
+        f"{found['delay_ticks']} ticks of delay; heave damping {found['heave_damping_1ps']:.2f} "
+        f"1/s, {found['lift_mps2']:.1f} m/s2 of the collective."
+    )
+
+
 @table("ah1s_steps")
 def attitude_steps(results: Results) -> str:
     """Of a step of 5 deg of roll and of pitch."""
@@ -303,7 +321,6 @@ def margins(results: Results) -> str:
 
 def main() -> int:
     """Print the record; 2 without jsbsim."""
-    asked = parser_with_seeds(__doc__).parse_args()
     if find_spec(NEEDS) is None:
         print(
             f"ah1s: {NEEDS} is not installed; ./heli python -m pip install --no-deps "
@@ -312,8 +329,7 @@ def main() -> int:
         )
         return 2
     os.environ["JSBSIM_DEBUG"] = "0"  # it prints to stdout else
-    print(json.dumps(flown(asked.seeds), allow_nan=False))
-    return 0
+    return print_result(__doc__, experiment, "1..10")
 
 
 if __name__ == "__main__":
