@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flights of JSBSim's AH-1S by our loops, and the facts of each; SI, deg where a name says so.
 
-The requirements are of before the flights, from a standard for full-size helicopters, ADS-33E-PRF
-(US Army, 2000): the hover of 3.11.1, the damping ratio of 3.3.2.2.2, the coupling of 3.3.9.2. In
-wind it is 2 m, our own.
+No requirement is from the flights: they are of a standard for full-size helicopters, ADS-33E-PRF
+(US Army, 2000): the hover of 3.11.1, the damping ratio of 3.3.2.2.2, the coupling of 3.3.9.2; in
+wind 2 m, set before the first flight.
 """
 
 import math

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Our outer and inner loop fly an AH-1S that nobody here modelled, JSBSim's, as identified.
 
-Needs `pip install jsbsim`, and is skipped without it. The requirements are of before the flights
+Needs `pip install jsbsim`, and is skipped without it. No requirement is from the flights
 (`support.ah1s_flights`); what is beyond them stands in docs/results/ah1s.json.
 """
 
@@ -73,7 +73,7 @@ def test_it_stays_within_two_metres_in_5_mps_and_turbulence(observer):
 
 
 def test_eq_17_is_not_lost_there_and_does_not_hold_the_heading():
-    """Its gamma* is a dozen times HeLion's, so it is slow, and it has no integral action."""
+    """Its gamma* is fifteen times HeLion's, so it is slow, and it has no integral action."""
     facts = away(flown(controller=EQ_17, air=diagonal(5.0, 5.0)))
     assert facts["lost"] == "" and facts["down_m"] < HOVER_DOWN_M
     assert facts["heading_deg"] > HOVER_HEADING_DEG
