@@ -3,7 +3,7 @@
 
 No requirement is from the flights: they are of a standard for full-size helicopters, ADS-33E-PRF
 (US Army, 2000): the hover of 3.11.1, the damping ratio of 3.3.2.2.2, the coupling of 3.3.9.2; in
-wind 2 m, set before the first flight.
+wind 2 m, set before the first flight. The standard's numbers are quoted from memory.
 """
 
 import math
