@@ -46,6 +46,8 @@ class Producer:
     loose : mapping of str to float
         Keys of what depends on the machine's load, with the relative difference allowed in any
         case; inf: has to be there, is not compared.
+    needs : str
+        What it imports that set-up does not install; empty: nothing.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Producer:
     seeds: tuple[int, ...] = ()
     relative: float = FLIGHT
     loose: Mapping[str, float] = field(default_factory=dict)
+    needs: str = ""
 
 
 PRODUCERS: dict[str, Producer] = {}

@@ -20,6 +20,8 @@ REQUIREMENTS = Path(__file__).resolve().parents[1] / "requirements"
 OLDEST = "3.11"
 # What scripts/fuzz_atheris.py needs besides; set-up does not install it, so it is in no other list.
 FUZZER = "atheris==3.0.0"
+# The same of evidence/experiments/ah1s.py and of its tests.
+OTHERS_PLANT = "jsbsim==1.3.3"
 HEAD = "# Written by scripts/write_hashes.py from requirements/*.txt and constraints.txt.\n"
 _BEGIN = re.compile(r"^(?=\S)", re.MULTILINE)
 _PIN = re.compile(r"([\w.-]+)==([^\s;\\]+)")
@@ -57,14 +59,15 @@ def write(name: str, blocks: Sequence[str]) -> None:
 
 
 def main() -> int:
-    """Write the lists: of uv, of what flies, and of what tests, guided fuzz and compiled types need
-    besides."""
+    """Write the lists: of uv, of what flies, and of what tests, guided fuzz, another's plant and
+    compiled types need besides."""
     flying = locked(text_of("ros", "python") + "\npip\n")
     both = locked(text_of("ros", "python", "ros_test", "test") + "\npip\n")
     write("uv", locked("uv\n"))
     write("flight", flying)
     write("test", [block for block in both if block not in flying])
     write("fuzz", locked(f"{FUZZER}\n"))
+    write("jsbsim", [block for block in locked(f"{OTHERS_PLANT}\n") if block not in flying])
     write("interfaces", [block for block in locked(text_of("interfaces")) if block not in flying])
     return 0
 

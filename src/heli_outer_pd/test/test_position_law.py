@@ -52,6 +52,21 @@ def test_trim_at_reference_commands_the_trim():
     np.testing.assert_allclose(out, [k.trim[0], k.trim[1], 0.0, k.trim[SETPOINT.col]], atol=1e-12)
 
 
+def test_a_full_size_helicopter_is_taken_and_its_map_turns_back(tmp_path):
+    """3.9 t, a rotor of 44 ft at 324 1/min: thrust of a collective that a thrust has given."""
+    file = tmp_path / "full_size.yaml"
+    file.write_text(
+        "/**/outer_loop:\n  ros__parameters:\n    mass: 3856.0\n    rotor: {omega: 33.93, radius: "
+        "6.706, chord: 0.686, K_col: -0.11}\n",
+        encoding="utf-8",
+    )
+    k = config.outer_params(load(TABLE, [YAML, file], NODE_NAME))
+    weight, d_col = k.mass * k.g, k.trim[SETPOINT.col]
+    more = thrust_map.collective_for_thrust(1.1 * weight, 0.0, weight, d_col, k.rotor)
+    back = thrust_map.thrust_for_collective(more, 0.0, weight, d_col, k.rotor)
+    assert more < d_col and back == pytest.approx(1.1 * weight)
+
+
 @pytest.mark.parametrize(
     ("psi_deg", "offset_ned", "roll_sign", "pitch_sign"),
     [

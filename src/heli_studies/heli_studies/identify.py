@@ -84,7 +84,7 @@ def _row(name: str, description: str, unit: str, upper: float) -> Parameter:
 
 
 TABLE: tuple[Parameter, ...] = (
-    _row("mass", "Mass", "kg", 1e3),
+    _row("mass", "Mass", "kg", 2e4),
     _row("gravity", "Local gravity", "m/s2", 20.0),
     _row("rotor.rho", "Air density", "kg/m3", 3.0),
     _row("rotor.omega", "Rotor speed", "rad/s", 1e3),
