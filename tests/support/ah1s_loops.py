@@ -155,6 +155,8 @@ SCALE = _RADIUS_M / _OURS_RADIUS_M
 """Lengths of this aircraft over those of the default one (rotor radii)."""
 _WANTED = ((0.16, 0.15, 0.05), (0.25, 0.15, 0.05), (0.10, 0.09, np.inf))
 """Of position, m, and speed, m/s, at 3.5 sigma, and of the command's step, of the default one."""
+AS_IT_IS = {"collective_prediction_s": 0.0}
+"""The vertical speed is fed back unpredicted: these flights are older than the prediction."""
 
 
 def moving() -> MovingModel:
@@ -204,7 +206,10 @@ def position_design(controller: str, gamma_factor: float | None = None) -> Posit
     """Searched around the attitude loop as flown."""
     design = designed(controller, gamma_factor)
     attitude = design.loops[-1]
-    own = {"outer_loop": dict(design.values["outer_loop"]), "inner_loop": dict(NO_GROUND)}
+    own = {
+        "outer_loop": dict(design.values["outer_loop"]) | AS_IT_IS,
+        "inner_loop": dict(NO_GROUND),
+    }
     outer = resolve(overrides=own).nodes["outer_loop"]
     lags_s, kernel = attitude_lags_s(attitude), outer_params(outer)
     around = PositionAxes(
@@ -239,7 +244,7 @@ def position_design(controller: str, gamma_factor: float | None = None) -> Posit
         "disturbance.bandwidth_radps": bandwidth,
         "attitude_lead.lead_s": lead_s[:2],
     }
-    values = {**design.values["outer_loop"], **gains}
+    values = {**design.values["outer_loop"], **AS_IT_IS, **gains}
     flown = outer_params({**outer, **gains})
     reports = tuple(analyse(axis, Gains.of(flown, i)) for i, axis in enumerate(axes))
     return PositionDesign(values, reports)
