@@ -575,6 +575,10 @@ def _peak_response(loop: System, dt_s: float) -> NDArray[np.complex128] | None:
 # -------------------------------------------------------------------------------------------------
 
 
+TOLD_EVERY = 10
+"""So many iterations lie between two words about a descent."""
+
+
 class NotStabilizedError(SynthesisError):
     """No start led to parameters with which every loop is stable."""
 
@@ -668,7 +672,7 @@ def tune(
     iterations : int
         At most, of each start.
     tell : callable
-        Told what is done, a few words.
+        Told a few words at each start, every `TOLD_EVERY` iterations, and at its end.
 
     Raises
     ------
@@ -684,13 +688,22 @@ def tune(
     ends = []
     for number, one in enumerate(np.random.SeedSequence(seed).spawn(starts)):
         draw = np.random.default_rng(one).standard_normal(m)
-        tell(f"start {number + 1} of {starts}")
+        name = f"start {number + 1} of {starts}"
+        tell(name)
         # what cannot be stabilised runs away: numbers there may overflow
         with np.errstate(over="ignore", invalid="ignore"):
-            end = _from(problem, first + (number > 0) * sizes * draw, sizes, iterations)
+            where = first + (number > 0) * sizes * draw
+            end = _from(
+                problem, where, sizes, iterations, lambda text, of=name: tell(f"{of}: {text}")
+            )
         if end is None:
+            tell(f"{name}: no stable loop found")
             continue
         x, result = end
+        tell(
+            f"{name}: ended after {result.iterations} iterations: soft {result.soft:.4f}, hard "
+            f"{result.hard:.4f} of the bound"
+        )
         ends.append(result)
         rank = (max(result.hard, 1.0 + 1e-3), result.soft)
         if best is None or rank < best[0]:
@@ -704,7 +717,11 @@ def tune(
 
 
 def _from(
-    problem: TuningProblem, parameters: Vector, sizes: Vector, iterations: int
+    problem: TuningProblem,
+    parameters: Vector,
+    sizes: Vector,
+    iterations: int,
+    tell: Callable[[str], None],
 ) -> tuple[Vector, Start] | None:
     """Stabilised, then descended, in units of `sizes`."""
     m = problem.structure.size
@@ -717,6 +734,7 @@ def _from(
     x = np.zeros(problem.size)
     x[:m] = parameters
     if problem.growth(x)[0] >= _AT_REST_RADPS:
+        tell("looks for a stable loop")
         steady = minimise(growth, x / units, 200, enough=-1e-2)
         x = steady.x * units
         if problem.growth(x)[0] >= _AT_REST_RADPS:
@@ -729,7 +747,15 @@ def _from(
             found.value, found.gradient * units, found.violations, found.slopes * units
         )
 
-    end = minimise(point, x / units, iterations)
+    def progress(done: int, now: Evaluation) -> None:
+        if done % TOLD_EVERY == 0:
+            hard = 1.0 + float(np.max(now.violations, initial=-1.0))
+            tell(
+                f"iteration {done} of at most {iterations}: soft {now.value:.4f}, hard {hard:.4f} "
+                "of the bound"
+            )
+
+    end = minimise(point, x / units, iterations, progress=progress)
     x = end.x * units
     reached = problem.reached(x)
     soft = max((one.share for one in reached if not one.goal.hard), default=-np.inf)
