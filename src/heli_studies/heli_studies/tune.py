@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli tune`: an attitude controller of a given structure for several aircraft and worlds at once.
+"""`heli tune`: a controller of a given structure for several aircraft and worlds at once.
 
 Goals come from a YAML file, the aircraft from aircraft files, what a world changes of them (its
 flap-back, its delay) from the worlds; `heli_inner_hinf.fixed_structure` finds the numbers.

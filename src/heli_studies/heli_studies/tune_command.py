@@ -93,7 +93,7 @@ def tune(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Tune an attitude controller of given structure to soft and hard goals, on many aircraft."""
+    """Tune a controller of given structure to soft and hard goals, for many aircraft."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import answer, being_filled, console, json_text, refuse_existing
