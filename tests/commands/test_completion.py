@@ -52,6 +52,7 @@ def complete(line):
         ("heli compare attitude --attitude-controller hinf,p", ["hinf,pid"]),
         ("heli design --aircraft ", ["helion.yaml", "logo600.yaml", "xcell60.yaml"]),
         ("heli tune --structure p", ["pid"]),
+        ("heli tune --structure s", ["state"]),
         ("heli report bag --gps r", ["rtk"]),
         ("heli run heli_o", ["heli_observer", "heli_outer_pd"]),
         ("heli run heli_observer ", ["observer"]),

@@ -11,8 +11,17 @@ from heli_flight.cli import app as cli
 from heli_flight.settings import resolve
 from heli_inner_hinf.attitude_goals import pid_structure
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.fixed_structure import TuningProblem
-from heli_studies.tune import PACKAGED, TuneOrder, aircraft_of, goals_of, read_goals
+from heli_inner_hinf.fixed_structure import KEPT, TuningProblem
+from heli_studies.tune import (
+    PACKAGED,
+    TuneOrder,
+    aircraft_of,
+    goals_of,
+    packaged_gains,
+    read_goals,
+    run,
+)
+from heli_studies.tune_flown import FlownGoal, FlownReached, fly
 
 GOALS = """
 goals:
@@ -29,7 +38,10 @@ def goals(tmp_path):
     return file
 
 
-@pytest.mark.parametrize("structure", ["pid", pytest.param("output:1", marks=pytest.mark.slow)])
+SLOWER = [pytest.param(name, marks=pytest.mark.slow) for name in ("output:1", "state")]
+
+
+@pytest.mark.parametrize("structure", ["pid", *SLOWER])
 def test_what_is_written_flies_and_is_not_worse(structure, goals, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["tune", "--structure", structure, "--goals", str(goals), "--iterations", "3",
@@ -45,6 +57,68 @@ def test_what_is_written_flies_and_is_not_worse(structure, goals, tmp_path, caps
     flown = AttitudeConfig.from_parameters(inner)
     assert flown.controller == ("pid" if structure == "pid" else "matrices")
     assert set(found["parameters"]) == {"inner_loop"}
+    assert set(found["gains"]) == (set("FG") if structure == "state" else set())
+
+
+@pytest.mark.slow
+def test_a_cascade_is_written_with_its_position_gains(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["tune", "--structure", "cascade", "--iterations", "3", "--world", "honest",
+             "--out", str(out)]  # fmt: skip
+    assert cli.main(words) in (0, 1)
+    capsys.readouterr()
+    found = json.loads((out / "tuned.json").read_text())
+    nodes = resolve(laws="pid", params=[out / "tuned.yaml"]).nodes
+    assert list(nodes["outer_loop"]["K_P"]) == found["parameters"]["outer_loop"]["K_P"]
+    assert list(nodes["inner_loop"]["pid.K_P"]) == found["parameters"]["inner_loop"]["pid.K_P"]
+    assert not np.allclose(
+        nodes["outer_loop"]["K_D"], resolve(laws="pid").nodes["outer_loop"]["K_D"]
+    )
+
+
+@pytest.mark.slow
+def test_one_law_for_three_aircraft_keeps_the_hard_goals():
+    order = TuneOrder(aircraft=("helion", "xcell60", "logo600"), worlds=("honest",), iterations=30)
+    found = run(order)
+    assert len({goal.where for goal in found.tuned.problem.goals}) == 3
+    assert found.exit_code == 0
+    assert any(not one.met for one in found.before if one.goal.hard)
+
+
+FLOWN = "  - {name: flown, kind: flown, seeds: [101, 102], bound: 0.5}\n"
+
+
+def test_what_is_flown_chooses_among_the_starts(goals, monkeypatch):
+    """The linear goals prefer one start, the flights another: what is flown counts."""
+    goals.write_text(goals.read_text() + FLOWN)
+    asked = []
+
+    def flown(of, laws, values, tell):
+        asked.append(values["inner_loop"]["pid.K_P"][0])
+        (goal,) = of
+        assert (laws, goal.seeds, goal.world) == ("pid", (101, 102), "paper")
+        # of all that are asked the first is the best by the descent or not: the second flies well
+        return (FlownReached(goal, 0.1 if len(asked) == 2 else 100.0),)
+
+    monkeypatch.setattr("heli_studies.tune.fly", flown)
+    found = run(TuneOrder(worlds=("paper",), goals=goals, starts=2, iterations=40))
+    kept = [end for end in found.tuned.starts if end.hard <= 1.0 + KEPT]
+    assert len(kept) == 2
+    assert found.tuned.parameters[0] == asked[1] == kept[1].x[0]
+    assert found.flown[0].met and not found.flown_before[0].met
+    assert asked[2] == packaged_gains()[0]
+
+
+@pytest.mark.slow
+def test_a_flown_goal_is_the_larger_rms_of_flights():
+    goal = FlownGoal("flown", "honest", (101,), 0.6, "honest")
+    lines = []
+    (found,) = fly([goal], "pid", {}, lines.append)
+    assert 0.0 < found.value < 0.6 and found.met
+    assert len(lines) == 1
+    soft = {"inner_loop": {"pid.K_P": [0.5, 0.5, -2.0]}}
+    (other,) = fly([goal], "pid", soft, lines.append)
+    assert other.value > 1.3 * found.value and not other.met
 
 
 def test_goals_hold_for_every_aircraft_in_every_world():
@@ -81,6 +155,8 @@ def test_the_packaged_law_is_what_the_tuner_finds(capsys):
     [
         (["--structure", "pi"], "output:N"),
         (["--structure", "output:99"], "output:N"),
+        (["--structure", "cascade", "--aircraft", "helion"], "--aircraft"),
+        (["--structure", "cascade", "--goal", "cost=3"], "position"),
         (["--goal", "nothing=3"], "nothing"),
         (["--goal", "cost"], "NAME=BOUND"),
         (["--goal", "cost=-1"], "cost"),
@@ -116,6 +192,13 @@ def test_bad_input_is_one_sentence(words, named, capsys):
         "{name: [x], kind: decay, bound: 1}",
         "{name: x, kind: [decay], bound: 1}",
         "{name: x, kind: h2, from: [[1]], to: [u], bound: 1}",
+        "{name: x, kind: disk_margin, at: command, bound: 1}",
+        "{name: x, kind: flown, bound: 1}",
+        "{name: x, kind: flown, bound: 1, seeds: []}",
+        "{name: x, kind: flown, bound: 1, seeds: [1.5]}",
+        "{name: x, kind: flown, bound: 1, seeds: [true]}",
+        "{name: x, kind: flown, bound: 1, seeds: [1], hard: true}",
+        "{name: x, kind: flown, bound: 1, seeds: [1]}",
     ],
 )
 def test_a_bad_goal_is_named(row, tmp_path, capsys):
@@ -124,6 +207,23 @@ def test_a_bad_goal_is_named(row, tmp_path, capsys):
     assert cli.main(["tune", "--goals", str(file)]) == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert "goal" in said
+
+
+def test_a_flown_goal_is_of_the_plants_aircraft(goals, capsys):
+    goals.write_text(goals.read_text() + FLOWN)
+    assert cli.main(["tune", "--goals", str(goals), "--aircraft", "xcell60"]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "--aircraft" in said
+
+
+@pytest.mark.parametrize(
+    "row", ["kind: h2, from: [wind], to: [u]", "kind: h2, from: [surroundings], to: [cost]"]
+)
+def test_a_cascade_has_goals_of_its_own(row, tmp_path, capsys):
+    file = tmp_path / "goals.yaml"
+    file.write_text(f"goals:\n  - {{name: x, {row}, bound: 1}}\n")
+    assert cli.main(["tune", "--structure", "cascade", "--goals", str(file)]) == 2
+    assert "position" in capsys.readouterr().err
 
 
 def test_a_folder_that_exists_is_refused(tmp_path, capsys):

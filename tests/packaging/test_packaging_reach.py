@@ -55,8 +55,6 @@ OFFERED = {
     "to_dataframe": "by scripts and notebooks that have pandas (heli)",
     "fuse_velocity": "to estimators of others (heli.Observer)",
     "plant_of": "to scripts that tune a plant of their own (docs/tune.md)",
-    "side_by_side": "to scripts that tune a cascade (docs/tune.md)",
-    "state_structure": "to scripts that tune F and G of eq. (17) (docs/tune.md)",
 }
 READ_BY_TEMPLATE = {"verdicts": "report/page/base.html"}
 NUMBERED = {

@@ -12,6 +12,8 @@ the root of that cost.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -19,7 +21,7 @@ import numpy as np
 from heli_core.central_controller import System
 from heli_core.rows import ATTITUDE, MEASURED, NINE
 from heli_core.ticks import TICK_S
-from heli_inner_hinf.controller_state import INPUTS, N_V, OutputLaw, output_law
+from heli_inner_hinf.controller_state import INPUTS, N_V, ObserverInput, OutputLaw, output_law
 from heli_inner_hinf.fixed_structure import (
     LawStructure,
     StructuredPlant,
@@ -27,8 +29,13 @@ from heli_inner_hinf.fixed_structure import (
     affine,
     output_feedback,
 )
-from heli_inner_hinf.loops import pid_as_output_law
-from heli_inner_hinf.regular_form import N_U
+from heli_inner_hinf.loops import (
+    Model,
+    as_output_law,
+    pid_as_output_law,
+    sampled_controller,
+)
+from heli_inner_hinf.regular_form import N_H, N_U, N_X, Matrix
 from heli_inner_hinf.tuning import CostScales, SampledAircraft, Surroundings, shaped_noise
 
 _COMMANDS = [INPUTS.index(name) for name in ("phi_ref", "theta_ref")]
@@ -134,9 +141,66 @@ def pid_structure() -> LawStructure:
     return affine(lambda gains: _system(pid_as_output_law(*gains.reshape(3, N_U))), 3 * N_U)
 
 
-def state_structure(n_x: int) -> LawStructure:
-    """F (3, n_x) and G (3, 3) of eq. (17), row by row, for a plant whose y is the state and r."""
-    return output_feedback(0, N_U, n_x + N_U)
+@dataclass(frozen=True)
+class StateFeedbackLaw:
+    """F and G of eq. (17) behind the prediction and the observer (19), which stay as they are.
+
+    Its numbers (27,) are F (3, 9) row by row. G follows from F by eq. (15), in which it is affine
+    where A and B are the model's: attitude comes to rest at its command whatever F is.
+
+    Attributes
+    ----------
+    model : SampledAircraft
+        What prediction and observer know of the aircraft.
+    K : (3, 6) array
+    prediction_s : float
+    feed : ObserverInput
+    """
+
+    model: SampledAircraft
+    K: Matrix
+    prediction_s: float
+    feed: ObserverInput
+
+    @cached_property
+    def _at_rest(self) -> tuple[Matrix, Matrix]:
+        """x (9, 3) and u (3, 3) at rest per command."""
+        eye, A, B = np.eye(N_X)[list(ATTITUDE)], self.model.A, self.model.B
+        rest = np.block([[A, B], [eye, np.zeros((N_U, N_U))]])
+        of_r = np.linalg.solve(rest, np.vstack([np.zeros((N_X, N_U)), np.eye(N_U)]))
+        return of_r[:N_X], of_r[N_X:]
+
+    def gains(self, numbers: Vector) -> tuple[Matrix, Matrix]:
+        """F (3, 9) and G (3, 3): u = F x + G r."""
+        x_of_r, u_of_r = self._at_rest
+        F = np.asarray(numbers, float).reshape(N_U, N_X)
+        return F, u_of_r - F @ x_of_r
+
+    @property
+    def structure(self) -> LawStructure:
+        """For `loop_plant` and `surroundings_plant`."""
+        return affine(lambda numbers: _system(self._law(*self.gains(numbers))), N_U * N_X)
+
+    @property
+    def scale(self) -> Vector:
+        """Sizes of the numbers: rates count a tenth of angles."""
+        of_x = np.full(N_X, 0.3)
+        of_x[[NINE.p, NINE.q, NINE.r]] = 0.03
+        return np.tile(of_x, N_U)
+
+    def flyable(self, numbers: Vector) -> OutputLaw:
+        """As the kernel flies it: of what an actuator's limit cuts off the observer hears."""
+        law = self._law(*self.gains(numbers))
+        only_G = self._model(np.zeros((N_U, N_X)), np.eye(N_U))
+        heard = sampled_controller(only_G, self.K, self.prediction_s, self.feed).B[:, _N_Y:]
+        return output_law(law.A, law.B, law.C, law.D, heard)
+
+    def _law(self, F: Matrix, G: Matrix) -> OutputLaw:
+        return as_output_law(self._model(F, G), self.K, self.prediction_s, self.feed)
+
+    def _model(self, F: Matrix, G: Matrix) -> Model:
+        one, of_h = self.model, (np.zeros((N_H, N_X)), np.zeros((N_H, N_U)))
+        return Model(one.A, one.B, one.E, *of_h, F, G)
 
 
 def output_structure(order: int) -> LawStructure:

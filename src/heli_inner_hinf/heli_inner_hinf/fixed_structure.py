@@ -20,7 +20,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -370,6 +370,10 @@ class Goal:
         return self.plant.D11.shape[0] - 1 if self.kind is GoalKind.DISK_MARGIN else 0
 
 
+KEPT = 1e-3
+"""A share so much above 1 still counts as kept."""
+
+
 @dataclass(frozen=True)
 class Reached:
     """What a goal came to.
@@ -389,8 +393,8 @@ class Reached:
 
     @property
     def met(self) -> bool:
-        """Whether the bound is kept, to a thousandth."""
-        return self.share <= 1.0 + 1e-3
+        """Whether the bound is kept, to `KEPT`."""
+        return self.share <= 1.0 + KEPT
 
 
 _AT_REST_RADPS = -1e-6
@@ -575,6 +579,10 @@ def _peak_response(loop: System, dt_s: float) -> NDArray[np.complex128] | None:
 # -------------------------------------------------------------------------------------------------
 
 
+TOLD_EVERY = 10
+"""So many iterations lie between two words about a descent."""
+
+
 class NotStabilizedError(SynthesisError):
     """No start led to parameters with which every loop is stable."""
 
@@ -594,6 +602,8 @@ class Start:
     iterations, evaluations : int
     stationarity : float
         Norm of the shortest vector among the convex combinations of gradients nearby.
+    x : array
+        As of `Tuned`.
     """
 
     soft: float
@@ -601,6 +611,7 @@ class Start:
     iterations: int
     evaluations: int
     stationarity: float
+    x: Vector
 
 
 @dataclass(frozen=True)
@@ -668,7 +679,7 @@ def tune(
     iterations : int
         At most, of each start.
     tell : callable
-        Told what is done, a few words.
+        Told a few words at each start, every `TOLD_EVERY` iterations, and at its end.
 
     Raises
     ------
@@ -680,32 +691,43 @@ def tune(
     first = np.zeros(m) if start is None else np.asarray(start, float)
     sizes = np.abs(first) if scale is None else np.asarray(scale, float)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    best: tuple[tuple[float, float], Vector] | None = None
-    ends = []
+    ends: list[Start] = []
     for number, one in enumerate(np.random.SeedSequence(seed).spawn(starts)):
         draw = np.random.default_rng(one).standard_normal(m)
-        tell(f"start {number + 1} of {starts}")
+        name = f"start {number + 1} of {starts}"
+        tell(name)
         # what cannot be stabilised runs away: numbers there may overflow
         with np.errstate(over="ignore", invalid="ignore"):
-            end = _from(problem, first + (number > 0) * sizes * draw, sizes, iterations)
+            where = first + (number > 0) * sizes * draw
+            end = _from(problem, where, sizes, iterations, partial(_tell_of, tell, name))
         if end is None:
+            tell(f"{name}: no stable loop found")
             continue
-        x, result = end
-        ends.append(result)
-        rank = (max(result.hard, 1.0 + 1e-3), result.soft)
-        if best is None or rank < best[0]:
-            best = rank, x
-    if best is None:
+        tell(
+            f"{name}: ended after {end.iterations} iterations: soft {end.soft:.4f}, hard "
+            f"{end.hard:.4f} of the bound"
+        )
+        ends.append(end)
+    if not ends:
         raise NotStabilizedError(
             f"none of {starts} starts leads to a controller of this structure with every "
             "loop stable"
         )
-    return Tuned(problem, best[1], problem.reached(best[1]), tuple(ends))
+    x = min(ends, key=lambda end: (max(end.hard, 1.0 + KEPT), end.soft)).x
+    return Tuned(problem, x, problem.reached(x), tuple(ends))
+
+
+def _tell_of(tell: Callable[[str], None], name: str, text: str) -> None:
+    tell(f"{name}: {text}")
 
 
 def _from(
-    problem: TuningProblem, parameters: Vector, sizes: Vector, iterations: int
-) -> tuple[Vector, Start] | None:
+    problem: TuningProblem,
+    parameters: Vector,
+    sizes: Vector,
+    iterations: int,
+    tell: Callable[[str], None],
+) -> Start | None:
     """Stabilised, then descended, in units of `sizes`."""
     m = problem.structure.size
     units = np.append(sizes, np.ones(problem.size - m))
@@ -717,6 +739,7 @@ def _from(
     x = np.zeros(problem.size)
     x[:m] = parameters
     if problem.growth(x)[0] >= _AT_REST_RADPS:
+        tell("looks for a stable loop")
         steady = minimise(growth, x / units, 200, enough=-1e-2)
         x = steady.x * units
         if problem.growth(x)[0] >= _AT_REST_RADPS:
@@ -729,9 +752,17 @@ def _from(
             found.value, found.gradient * units, found.violations, found.slopes * units
         )
 
-    end = minimise(point, x / units, iterations)
+    def progress(done: int, now: Evaluation) -> None:
+        if done % TOLD_EVERY == 0:
+            hard = 1.0 + float(np.max(now.violations, initial=-1.0))
+            tell(
+                f"iteration {done} of at most {iterations}: soft {now.value:.4f}, hard {hard:.4f} "
+                "of the bound"
+            )
+
+    end = minimise(point, x / units, iterations, progress=progress)
     x = end.x * units
     reached = problem.reached(x)
     soft = max((one.share for one in reached if not one.goal.hard), default=-np.inf)
     hard = max((one.share for one in reached if one.goal.hard), default=-np.inf)
-    return x, Start(soft, hard, end.iterations, end.evaluations, end.stationarity)
+    return Start(soft, hard, end.iterations, end.evaluations, end.stationarity, x)

@@ -103,6 +103,7 @@ def minimise(
     tolerance: float = 1e-6,
     enough: float = -np.inf,
     seed: int = 0,
+    progress: Callable[[int, Evaluation], None] = lambda done, point: None,
 ) -> End:
     """A local minimum of the value where no constraint is violated.
 
@@ -120,6 +121,8 @@ def minimise(
         A value at which, with no constraint violated, the descent may end.
     seed : int
         Of the gradient sampling.
+    progress : callable
+        Told after every iteration how many are done, and where it is.
     """
     penalty = _Penalty(evaluate)
     x, point = start, penalty.at(start)
@@ -157,6 +160,7 @@ def minimise(
         x, point = new_x, new
         recent.append((x, point))
         best = _better(best, (x, point))
+        progress(count, point)
         stationarity = _shortest(_near(recent, x, penalty))
         if stationarity <= tolerance:
             break

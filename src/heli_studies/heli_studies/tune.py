@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli tune`: an attitude controller of a given structure for several aircraft and worlds at once.
+"""`heli tune`: a controller of a given structure for several aircraft and worlds at once.
 
 Goals come from a YAML file, the aircraft from aircraft files, what a world changes of them (its
 flap-back, its delay) from the worlds; `heli_inner_hinf.fixed_structure` finds the numbers.
@@ -31,6 +31,7 @@ from heli_inner_hinf.attitude_goals import (
     INPUT_GROUPS,
     OUTPUT_GROUPS,
     SURROUNDINGS,
+    StateFeedbackLaw,
     flyable,
     loop_plant,
     margin_plant,
@@ -40,28 +41,41 @@ from heli_inner_hinf.attitude_goals import (
     pid_structure,
     surroundings_plant,
 )
-from heli_inner_hinf.controller_state import MAX_ORDER, Actuation
+from heli_inner_hinf.controller_state import MAX_ORDER, Actuation, ObserverInput, OutputLaw
+from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.fixed_structure import (
+    KEPT,
     Goal,
     GoalKind,
     LawStructure,
     Reached,
+    Start,
     StructuredPlant,
     Tuned,
     TuningProblem,
     Vector,
 )
 from heli_inner_hinf.fixed_structure import tune as tune_problem
-from heli_inner_hinf.loops import Model
+from heli_inner_hinf.loops import N_Y, Model
 from heli_inner_hinf.regular_form import N_H, N_U, N_X
-from heli_inner_hinf.tuning import CostScales, SampledAircraft, Surroundings, gains_of, tune_pid
+from heli_inner_hinf.tuning import (
+    CostScales,
+    SampledAircraft,
+    Surroundings,
+    choose_observer_gain,
+    gains_of,
+    tune_pid,
+)
+from heli_studies.design.cascade import COSTS, MARGINS_AT, CascadeAircraft, cascade_aircraft
 from heli_studies.robust import with_values
+from heli_studies.tune_flown import FLOWN, FlownGoal, FlownReached, checked_seeds, fly
 
 WORLDS = ("paper", "honest")
 """Where the controller has to do unless others are named: the rotor flaps back in the second."""
-PID, OUTPUT = "pid", "output"
+PID, STATE, OUTPUT, CASCADE = "pid", "state", "output", "cascade"
 _GAINS = ("pid.K_P", "pid.K_I", "pid.K_D")
-_KEYS = {"name", "kind", "bound", "hard", "from", "to", "at", "further_ticks"}
+_OF_POSITION = ("K_P", "K_D")
+_KEYS = {"name", "kind", "bound", "hard", "from", "to", "at", "further_ticks", "seeds"}
 _MOST_TICKS = 10
 SAME = 0.01
 """Relative difference of the worst soft share below which two controllers are equally good."""
@@ -74,7 +88,8 @@ class TuneOrder:
     Attributes
     ----------
     structure : str
-        "pid", or "output:N" for output feedback of order N.
+        "pid"; "state" for F and G of eq. (17); "output:N" for output feedback of order N; "cascade"
+        for PID and position controller.
     aircraft : tuple of str
         Names or files; empty: the plant's.
     worlds : tuple of str
@@ -108,12 +123,19 @@ class TuneResult:
         The same goals with the controller that the search began with.
     values : mapping of node to mapping of parameter to value
         What flies the controller.
+    gains : mapping of str to array
+        The structure's own numbers, by name.
+    flown, flown_before : tuple of FlownReached
+        The goals that are flown, likewise.
     """
 
     order: TuneOrder
     tuned: Tuned
     before: tuple[Reached, ...]
     values: Mapping[str, Mapping[str, Any]]
+    gains: Mapping[str, Vector]
+    flown: tuple[FlownReached, ...] = ()
+    flown_before: tuple[FlownReached, ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -127,15 +149,20 @@ class TuneResult:
 
 
 def _order_of(structure: str) -> int | None:
-    """Order of output feedback; None of a PID."""
-    if structure == PID:
+    """Order of output feedback; None of the other structures.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if structure in (PID, STATE, CASCADE):
         return None
     name, _, order = structure.partition(":")
     if name == OUTPUT and order.isdecimal() and int(order) <= MAX_ORDER:
         return int(order)
     raise ParameterError(
-        f"--structure {structure!r} is not allowed; allowed: {PID}, {OUTPUT}:N with N from 0 to "
-        f"{MAX_ORDER}"
+        f"--structure {structure!r} is not allowed; allowed: {PID}, {STATE}, {CASCADE}, "
+        f"{OUTPUT}:N with N from 0 to {MAX_ORDER}"
     )
 
 
@@ -182,7 +209,9 @@ def read_goals(order: TuneOrder) -> list[dict[str, Any]]:
     ParameterError
         One sentence that names file, goal and key.
     """
-    path = order.goals or config_folder("heli_flight") / "tune.yaml"
+    cascade = order.structure == CASCADE
+    packaged = "tune_cascade.yaml" if cascade else "tune.yaml"
+    path = order.goals or config_folder("heli_flight") / packaged
     try:
         content = read_yaml(path)
     except FileError as error:
@@ -190,7 +219,7 @@ def read_goals(order: TuneOrder) -> list[dict[str, Any]]:
     rows = content.get("goals") if isinstance(content, Mapping) else None
     if not isinstance(rows, list) or not rows or not all(isinstance(r, Mapping) for r in rows):
         raise ParameterError(f"{path}: holds no list `goals` of goals with name, kind and bound")
-    checked = [_checked(dict(row), f"{path}: goal {i + 1}") for i, row in enumerate(rows)]
+    checked = [_checked(dict(row), f"{path}: goal {i + 1}", cascade) for i, row in enumerate(rows)]
     bounds = dict(order.bounds or {})
     for row in checked:
         row["bound"] = bounds.pop(row["name"], row["bound"])
@@ -200,16 +229,23 @@ def read_goals(order: TuneOrder) -> list[dict[str, Any]]:
         raise ParameterError(
             f"--goal {name!r} is none of: {', '.join(sorted({row['name'] for row in checked}))}"
         )
-    if all(row["hard"] for row in checked):
-        raise ParameterError(f"{path}: every goal is hard; at least one has to be soft")
+    if all(row["hard"] or row["kind"] == FLOWN for row in checked):
+        raise ParameterError(
+            f"{path}: every goal is hard or flown; at least one has to be soft and not flown"
+        )
+    if order.aircraft and any(row["kind"] == FLOWN for row in checked):
+        raise ParameterError(
+            f"{path}: a goal is flown, which is with the plant's aircraft; --aircraft does not go "
+            "with it"
+        )
     return checked
 
 
-def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
+def _checked(row: dict[str, Any], where: str, cascade: bool) -> dict[str, Any]:
     unknown = sorted(str(key) for key in row.keys() - _KEYS)
     if unknown:
         raise ParameterError(f"{where}: {unknown[0]!r} is none of {', '.join(sorted(_KEYS))}")
-    kinds = [kind.value for kind in GoalKind]
+    kinds = [*(kind.value for kind in GoalKind), FLOWN]
     name, kind, bound = row.get("name"), row.get("kind"), row.get("bound")
     hard, ticks = row.get("hard", False), row.get("further_ticks", 0)
     if not isinstance(name, str) or not name:
@@ -229,9 +265,17 @@ def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
     if not isinstance(ticks, int) or not 0 <= ticks <= _MOST_TICKS:
         raise ParameterError(f"{where}: further_ticks {ticks!r}; allowed: 0 to {_MOST_TICKS}")
     row = {**row, "bound": bound, "hard": hard, "further_ticks": ticks}
-    if kind in (GoalKind.H2.value, GoalKind.HINF.value):
+    margins = MARGINS_AT if cascade else tuple(DISK_MARGIN_AT)
+    if kind == FLOWN:
+        row["seeds"] = checked_seeds(row, where)
+    elif kind in (GoalKind.H2.value, GoalKind.HINF.value):
         come, go = row.get("from"), row.get("to")
-        if (come, go) != ([SURROUNDINGS], [COST]):
+        if cascade and (come != [SURROUNDINGS] or go not in [[cost] for cost in COSTS]):
+            raise ParameterError(
+                f"{where}: from {come!r}, to {go!r}; allowed for a cascade: from [{SURROUNDINGS}] "
+                f"to [{'] or ['.join(COSTS)}]"
+            )
+        if not cascade and (come, go) != ([SURROUNDINGS], [COST]):
             for key, groups, known in (("from", come, INPUT_GROUPS), ("to", go, OUTPUT_GROUPS)):
                 named = isinstance(groups, list) and all(isinstance(g, str) for g in groups)
                 if not named or not groups or not set(groups) <= set(known):
@@ -239,15 +283,17 @@ def _checked(row: dict[str, Any], where: str) -> dict[str, Any]:
                         f"{where}: {key} {groups!r}; allowed: a list of {', '.join(known)}, or "
                         f"from [{SURROUNDINGS}] to [{COST}]"
                     )
-    elif kind == GoalKind.DISK_MARGIN.value and row.get("at") not in DISK_MARGIN_AT:
-        raise ParameterError(
-            f"{where}: at {row.get('at')!r} is none of {', '.join(DISK_MARGIN_AT)}"
-        )
+    elif kind == GoalKind.DISK_MARGIN.value and row.get("at") not in margins:
+        raise ParameterError(f"{where}: at {row.get('at')!r} is none of {', '.join(margins)}")
     return row
 
 
-def _plant(row: Mapping[str, Any], one: SampledAircraft) -> StructuredPlant:
+def _plant(row: Mapping[str, Any], one: SampledAircraft | CascadeAircraft) -> StructuredPlant:
     one = one.later(row["further_ticks"]) if row["further_ticks"] else one
+    if isinstance(one, CascadeAircraft):
+        if row["kind"] in (GoalKind.H2.value, GoalKind.HINF.value):
+            return one.surroundings_plant(row["to"][0])
+        return one.margin_plant(row.get("at", "input"))
     if row["kind"] == GoalKind.DISK_MARGIN.value:
         return margin_plant(one, row["at"])
     if row["kind"] not in (GoalKind.H2.value, GoalKind.HINF.value):
@@ -258,9 +304,9 @@ def _plant(row: Mapping[str, Any], one: SampledAircraft) -> StructuredPlant:
 
 
 def goals_of(
-    rows: Sequence[Mapping[str, Any]], aircraft: Sequence[SampledAircraft]
+    rows: Sequence[Mapping[str, Any]], aircraft: Sequence[SampledAircraft | CascadeAircraft]
 ) -> tuple[Goal, ...]:
-    """Every goal for every aircraft."""
+    """Every goal for every aircraft but those that are flown."""
     return tuple(
         Goal(
             row["name"],
@@ -272,6 +318,17 @@ def goals_of(
         )
         for one in aircraft
         for row in rows
+        if row["kind"] != FLOWN
+    )
+
+
+def flown_goals_of(order: TuneOrder, rows: Sequence[Mapping[str, Any]]) -> tuple[FlownGoal, ...]:
+    """Every goal that is flown, in every world."""
+    return tuple(
+        FlownGoal(row["name"], world, row["seeds"], row["bound"], Path(world).stem)
+        for world in order.worlds
+        for row in rows
+        if row["kind"] == FLOWN
     )
 
 
@@ -297,6 +354,107 @@ def _first_gains(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> Vecto
     return np.concatenate([gains[key] for key in ("K_P", "K_I", "K_D")])
 
 
+@dataclass(frozen=True)
+class _Tunable:
+    """What a structure's numbers are.
+
+    Attributes
+    ----------
+    structure : LawStructure
+    start, scale : (m,) arrays
+    law : callable
+        What flies the numbers: parameters by node.
+    gains : callable
+        The numbers by name.
+    """
+
+    structure: LawStructure
+    start: Vector
+    scale: Vector | None
+    values: Callable[[Vector], dict[str, dict[str, Any]]]
+    gains: Callable[[Vector], dict[str, Vector]] = lambda _: {}
+
+
+def _pid(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> _Tunable:
+    start = _first_gains(order, aircraft)
+    return _Tunable(pid_structure(), start, None, _pid_values)
+
+
+def _pid_values(numbers: Vector) -> dict[str, dict[str, Any]]:
+    gains = dict(zip(_GAINS, numbers.reshape(3, N_U), strict=True))
+    return {"inner_loop": {"controller": PID, **gains}}
+
+
+def _output(order: TuneOrder, aircraft: Sequence[SampledAircraft], states: int) -> _Tunable:
+    structure = output_structure(states)
+    start = output_start(_first_gains(order, aircraft), states)
+    scale = output_scale(states)
+    return _Tunable(structure, start, scale, lambda x: _of_law(flyable(structure.law(x))))
+
+
+def _of_law(law: OutputLaw) -> dict[str, dict[str, Any]]:
+    matrices = {f"law.{key}": np.ravel(value) for key, value in law._asdict().items()}
+    return {"inner_loop": {"controller": "matrices", **matrices}}
+
+
+def _state(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> _Tunable:
+    """F and G of the packaged weights' synthesis, for the first aircraft, behind its observer."""
+    one, nodes = aircraft[0], resolve().nodes
+    config = AttitudeConfig.from_parameters({**nodes["inner_loop"], "controller": PID})
+    synthesis = replace(config, A=one.A, B=one.B, E=one.E).synthesis
+    feed, prediction_s = ObserverInput.from_parameters(nodes["observer"]), config.prediction_s
+    K = np.reshape(nodes["observer"]["K"], (N_U, N_Y))
+    if order.aircraft:
+        servo = one.actuation.servo_radps, one.actuation.servo_damping
+        feed = ObserverInput(round(one.actuation.delay_s / TICK_S), *servo)
+        prediction_s = one.actuation.known_lag_s
+        model = Model(one.A, one.B, one.E, config.C, config.D, synthesis.F, synthesis.G)
+        K = choose_observer_gain(model, prediction_s, one.actuation, feed)[0].K
+    law = StateFeedbackLaw(one, K, prediction_s, feed)
+    return _Tunable(
+        law.structure,
+        synthesis.F.ravel(),
+        law.scale,
+        lambda x: _of_law(law.flyable(x)),
+        lambda x: dict(zip("FG", law.gains(x), strict=True)),
+    )
+
+
+def _cascades(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> list[CascadeAircraft]:
+    """One for every world: mean wind and turbulence differ where the attitude loop does not."""
+    if order.aircraft:
+        raise ParameterError(
+            f"--aircraft does not go with --structure {CASCADE}: its position controller is the "
+            "plant's aircraft's"
+        )
+    found = []
+    for world in order.worlds:
+        (one,) = aircraft_of(replace(order, worlds=(world,)))
+        nodes = resolve(laws=PID, world=world).nodes
+        model, gains = (one.A, one.B, one.E), packaged_gains()
+        made = cascade_aircraft(
+            one.name, nodes["plant"], nodes["outer_loop"], model, gains, one.actuation
+        )
+        found.append(made)
+    return found
+
+
+def _cascade(one: CascadeAircraft) -> _Tunable:
+    start = np.concatenate([packaged_gains(), one.kernel.K_P, one.kernel.K_D])
+
+    def values(numbers: Vector) -> dict[str, dict[str, Any]]:
+        pid, *of_position = np.split(numbers, [3 * N_U, 3 * N_U + 3])
+        outer = dict(zip(_OF_POSITION, of_position, strict=True))
+        return {**_pid_values(pid), "outer_loop": outer}
+
+    return _Tunable(one.structure, start, None, values)
+
+
+def preset_of(structure: str) -> str:
+    """The control preset that the tuned parameters are laid over."""
+    return PID if structure in (PID, CASCADE) else "packaged"
+
+
 def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneResult:
     """Tune.
 
@@ -313,31 +471,56 @@ def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneR
     """
     n, rows = _order_of(order.structure), read_goals(order)
     aircraft = aircraft_of(order)
-    tell(f"{order.structure} for {'; '.join(one.name for one in aircraft)}")
+    loops: Sequence[SampledAircraft | CascadeAircraft] = aircraft
     try:
-        gains = _first_gains(order, aircraft)
+        if order.structure == CASCADE:
+            cascades = _cascades(order, aircraft)
+            loops, tunable = cascades, _cascade(cascades[0])
+        elif order.structure == STATE:
+            tunable = _state(order, aircraft)
+        else:
+            tunable = _pid(order, aircraft) if n is None else _output(order, aircraft, n)
+    except ParameterError:
+        raise
     except ValueError as error:
         raise SynthesisError(str(error)) from None
-    structure: LawStructure = pid_structure() if n is None else output_structure(n)
-    start = gains if n is None else output_start(gains, n)
-    scale = None if n is None else output_scale(n)
-    problem = TuningProblem(structure, goals_of(rows, aircraft))
+    tell(f"{order.structure} for {'; '.join(one.name for one in loops)}")
+    problem = TuningProblem(tunable.structure, goals_of(rows, loops))
     tuned = tune_problem(
-        problem, start, scale, order.starts, order.seed, order.iterations, tell=tell
+        problem, tunable.start, tunable.scale, order.starts, order.seed, order.iterations, tell=tell
     )
-    before = problem.reached(problem.scaled_start(start))
-    return TuneResult(order, tuned, before, values_of(tuned, n))
+    before = problem.reached(problem.scaled_start(tunable.start))
+    tuned, flown, flown_before = _flown(order, rows, tunable, tuned, tell)
+    x = tuned.parameters
+    return TuneResult(
+        order, tuned, before, tunable.values(x), tunable.gains(x), flown, flown_before
+    )
 
 
-def values_of(tuned: Tuned, order: int | None) -> dict[str, dict[str, Any]]:
-    """The parameters that fly a controller."""
-    if order is None:
-        gains = tuned.parameters.reshape(3, N_U)
-        inner: dict[str, Any] = {"controller": PID, **dict(zip(_GAINS, gains, strict=True))}
-        return {"inner_loop": inner}
-    law = flyable(tuned.law)
-    matrices = {f"law.{key}": np.ravel(value) for key, value in law._asdict().items()}
-    return {"inner_loop": {"controller": "matrices", **matrices}}
+def _flown(
+    order: TuneOrder,
+    rows: Sequence[Mapping[str, Any]],
+    tunable: _Tunable,
+    tuned: Tuned,
+    tell: Callable[[str], None],
+) -> tuple[Tuned, tuple[FlownReached, ...], tuple[FlownReached, ...]]:
+    """The start that is best with what is flown, and what is flown of it and of the beginning."""
+    goals, laws = flown_goals_of(order, rows), preset_of(order.structure)
+    if not goals:
+        return tuned, (), ()
+    m = tuned.problem.structure.size
+
+    def of(numbers: Vector) -> tuple[FlownReached, ...]:
+        return fly(goals, laws, tunable.values(numbers), tell)
+
+    def rank(judged: tuple[Start, tuple[FlownReached, ...]]) -> tuple[float, float]:
+        end, flown = judged
+        return max(end.hard, 1.0 + KEPT), max(end.soft, *(one.share for one in flown))
+
+    kept = [end for end in tuned.starts if end.hard <= 1.0 + KEPT] or list(tuned.starts)
+    best, flown = min(((end, of(end.x[:m])) for end in kept), key=rank)
+    chosen = replace(tuned, x=best.x, reached=tuned.problem.reached(best.x))
+    return chosen, flown, of(tunable.start)
 
 
 def write_tuned(result: TuneResult, path: Path) -> None:
@@ -350,7 +533,7 @@ def write_tuned(result: TuneResult, path: Path) -> None:
         f"{order.seed}{goals}, for {'; '.join(dict.fromkeys(g.where for g in _goals(result)))}.\n"
         + "".join(
             f"# {one.goal.name} ({one.goal.where}): {one.value:.5g}, bound {one.goal.bound:g}\n"
-            for one in result.tuned.reached
+            for _, one in _before_and_after(result)
         )
         + "# Arrays are flat, row by row; units and meaning: inner_loop.yaml.\n"
     )
@@ -432,16 +615,20 @@ def as_dict(result: TuneResult) -> dict[str, Any]:
             {
                 "name": now.goal.name,
                 "aircraft": now.goal.where,
-                "kind": now.goal.kind.value,
-                "hard": now.goal.hard,
+                "kind": now.goal.kind.value if isinstance(now, Reached) else FLOWN,
+                "hard": isinstance(now, Reached) and now.goal.hard,
                 "bound": now.goal.bound,
                 "before": was.value,
                 "value": now.value,
                 "met": now.met,
             }
-            for was, now in zip(result.before, tuned.reached, strict=True)
+            for was, now in _before_and_after(result)
         ],
-        "starts": [vars(start) for start in tuned.starts],
+        "starts": [
+            {key: value for key, value in vars(start).items() if key != "x"}
+            for start in tuned.starts
+        ],
+        "gains": {name: np.asarray(value).tolist() for name, value in result.gains.items()},
         "parameters": {
             node: {
                 key: value if isinstance(value, str) else np.ravel(value).tolist()
@@ -452,6 +639,13 @@ def as_dict(result: TuneResult) -> dict[str, Any]:
     }
 
 
+def _before_and_after(
+    result: TuneResult,
+) -> list[tuple[Reached | FlownReached, Reached | FlownReached]]:
+    linear = zip(result.before, result.tuned.reached, strict=True)
+    return [*linear, *zip(result.flown_before, result.flown, strict=True)]
+
+
 def print_result(result: TuneResult, out: Console) -> None:
     """The goals, then how the starts ended."""
     rows = table(f"Goals of {result.order.structure}", out)
@@ -459,15 +653,13 @@ def print_result(result: TuneResult, out: Console) -> None:
         rows.add_column(head)
     for head in ("bound", "began with", "tuned", "met"):
         rows.add_column(head, justify="right")
-    for was, now in zip(result.before, result.tuned.reached, strict=True):
-        goal = now.goal
-        sense = (
-            ">=" if goal.kind in (GoalKind.DECAY, GoalKind.DAMPING, GoalKind.DISK_MARGIN) else "<="
-        )
+    least = (GoalKind.DECAY, GoalKind.DAMPING, GoalKind.DISK_MARGIN)
+    for was, now in _before_and_after(result):
+        linear = now.goal if isinstance(now, Reached) else None
         rows.add_row(
-            f"{goal.name}{', hard' if goal.hard else ''}",
-            goal.where,
-            f"{sense} {goal.bound:g}",
+            f"{now.goal.name}{', hard' if linear and linear.hard else ''}",
+            now.goal.where,
+            f"{'>=' if linear and linear.kind in least else '<='} {now.goal.bound:g}",
             f"{was.value:.4g}",
             f"{now.value:.4g}",
             "yes" if now.met else "no",

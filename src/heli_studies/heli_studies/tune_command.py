@@ -25,7 +25,9 @@ TUNE_EPILOG = (
 
 
 def _structures(incomplete: str) -> list[str]:
-    return common.beginning(incomplete, ["pid", "output:0", "output:3", "output:6"])
+    return common.beginning(
+        incomplete, ["pid", "state", "cascade", "output:0", "output:3", "output:6"]
+    )
 
 
 def _bound(text: str) -> tuple[str, float]:
@@ -43,7 +45,8 @@ def tune(
         str,
         typer.Option(
             metavar="S",
-            help="pid, or output:N: output feedback of order N",
+            help="pid; state: F and G of eq. (17); output:N: output feedback of order N; cascade: "
+            "PID and position controller",
             autocompletion=_structures,
         ),
     ] = "pid",
@@ -90,7 +93,7 @@ def tune(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Tune an attitude controller of given structure to soft and hard goals, on many aircraft."""
+    """Tune a controller of given structure to soft and hard goals, for many aircraft."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.terminal import answer, being_filled, console, json_text, refuse_existing
@@ -112,7 +115,8 @@ def tune(
         with being_filled(out):
             tuning.write_tuned(result, out / "tuned.yaml")
             write_whole(out / "tuned.json", json_text(tuning.as_dict(result)))
-    preset = "--control-preset pid " if structure == tuning.PID else ""
+    preset = tuning.preset_of(structure)
+    preset = "" if preset == "packaged" else f"--control-preset {preset} "
     written = f"written: {out} (fly it: heli hover {preset}--params {out}/tuned.yaml)"
     show = partial(tuning.print_result, result)
     answer(tuning.as_dict(result), as_json, show, written if out else "")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
 # -------------------------------------------------------------------------------------------------
 
 _AXES, _N, _N_U = 3, len(NINE), len(INPUT_NAMES)
-_SPEED, _POSITION = slice(_N, _N + _AXES), slice(_N + _AXES, _N + 2 * _AXES)
+SPEED, POSITION = slice(_N, _N + _AXES), slice(_N + _AXES, _N + 2 * _AXES)
 _LOWEST_RADPS, _FREQUENCIES = 1e-2, 400
 
 
@@ -90,6 +90,81 @@ class CoupledPlant:
         omega = np.geomspace(_LOWEST_RADPS, 0.999 * np.pi / self.dt_s, _FREQUENCIES)
         z = np.exp(1j * omega * self.dt_s)
         return omega, np.stack([self.M @ _resolved(self.A, self.B, at) for at in z])
+
+
+class CommandedAircraft(NamedTuple):
+    """An aircraft behind servos and delay, and what the position controller's command is to it.
+
+    Attributes
+    ----------
+    A, B : (n, n), (n, 4) arrays
+        One tick; states: the nine, speed and position (heading frame, deviations), then those of
+        servos and delay; inputs: the actuators.
+    commands : (3, 3) array
+        phi_ref, theta_ref, psi_ref of the commanded accelerations, rad s2/m.
+    collective : (3,) array
+        Of the commanded accelerations, s2/m.
+    compensated : (n,) array
+        Collective for the lift that tilt takes, of the state.
+    explained : (3, n) array
+        Accelerations that the tilt explains, m/s2.
+    turned : (3,) array
+        Commanded acceleration per heading, as what is compared with the wind turns, m/s2/rad.
+    bank_rad : float
+        In the trim, beyond that of still air.
+    """
+
+    A: Matrix
+    B: Matrix
+    commands: Matrix
+    collective: Matrix
+    compensated: Matrix
+    explained: Matrix
+    turned: Matrix
+    bank_rad: float
+
+
+def moving_system(moving: MovingModel, at: TrimPoint) -> tuple[Matrix, Matrix, Matrix]:
+    """A (15, 15), B (15, 4), E (15, 3) of the nine, speed and position; air in the body's axes."""
+    n = _N + 2 * _AXES
+    A, B, E = np.zeros((n, n)), np.zeros((n, moving.B.shape[1])), np.zeros((n, _AXES))
+    A[: SPEED.stop, :_N], B[: SPEED.stop], E[: SPEED.stop] = moving.A, moving.B, moving.E
+    A[: SPEED.stop, SPEED] = -moving.E @ quat_to_R_nb(at.x[PLANT.quat]).T
+    A[POSITION, SPEED] = np.eye(_AXES)
+    return A, B, E
+
+
+def commanded_aircraft(
+    moving: MovingModel, at: TrimPoint, actuation: Actuation, kernel: OuterParams
+) -> CommandedAircraft:
+    """The aircraft about its trim; the thrust map is the kernel's."""
+    A, B, _ = moving_system(moving, at)
+    Ad, Bd = flown_plant(A, B, actuation)
+    nine = reduced_state(at.x)
+    tilt = nine[[NINE.phi, NINE.theta]]
+    hang = kernel.trim[[SETPOINT.phi, SETPOINT.theta]]
+    commands = np.zeros((len(COMMANDS), _AXES))
+    against = kernel.g * np.tan((tilt - hang) * [1.0, -1.0])[::-1]
+    per_mps2 = _tilt_per_mps2(against, kernel)
+    commands[COMMANDS.index("theta_ref"), 0] = -per_mps2[0]
+    commands[COMMANDS.index("phi_ref"), 1] = per_mps2[1]
+    per_weight = _collective_per_weight(kernel)
+    lift = np.cos(tilt[0]) * np.cos(tilt[1])
+    eye = np.eye(len(Ad))
+    explained = np.zeros((_AXES, len(Ad)))
+    explained[:2, [NINE.theta, NINE.phi]] = np.diag([-1.0, 1.0]) / per_mps2
+    # The observer is kept in NED, which turns against the nose.
+    explained[:2, NINE.psi] = -against[1], against[0]
+    return CommandedAircraft(
+        A=Ad,
+        B=Bd,
+        commands=commands,
+        collective=np.array([0.0, 0.0, -per_weight / (kernel.g * lift)]),
+        compensated=per_weight / lift * (np.tan(tilt) @ eye[[NINE.phi, NINE.theta]]),
+        explained=explained,
+        turned=np.array([against[1], -against[0], 0.0]),
+        bank_rad=float(tilt[0] - hang[0]),
+    )
 
 
 def coupled_plant(
@@ -115,48 +190,32 @@ def coupled_plant(
         Its thrust map turns an acceleration down into a collective.
     period_ticks : int
     """
-    n = _N + 2 * _AXES
-    A, B = np.zeros((n, n)), np.zeros((n, moving.B.shape[1]))
-    A[: _SPEED.stop, :_N], B[: _SPEED.stop] = moving.A, moving.B
-    A[: _SPEED.stop, _SPEED] = -moving.E @ quat_to_R_nb(at.x[PLANT.quat]).T
-    A[_POSITION, _SPEED] = np.eye(_AXES)
-    Ad, Bd = flown_plant(A, B, actuation)
-    nine = reduced_state(at.x)
-    tilt = nine[[NINE.phi, NINE.theta]]
-    hang = kernel.trim[[SETPOINT.phi, SETPOINT.theta]]
-    law_, y = attitude.controller, np.eye(len(Ad))[list(MEASURED)]
+    flown = commanded_aircraft(moving, at, actuation, kernel)
+    law_, y = attitude.controller, np.eye(len(flown.A))[list(MEASURED)]
     if attitude.turned:
-        law_ = _turned(law_, float(tilt[0] - hang[0]))
-    to_law, from_law = np.split(law_.B, [len(MEASURED)], axis=1), Bd[:, :_N_U]
+        law_ = _turned(law_, flown.bank_rad)
+    to_law, from_law = np.split(law_.B, [len(MEASURED)], axis=1), flown.B[:, :_N_U]
     direct = np.split(law_.D, [len(MEASURED)], axis=1)
-    commands = np.zeros((len(COMMANDS), _AXES))
-    against = kernel.g * np.tan((tilt - hang) * [1.0, -1.0])[::-1]
-    per_mps2 = _tilt_per_mps2(against, kernel)
-    commands[COMMANDS.index("theta_ref"), 0] = -per_mps2[0]
-    commands[COMMANDS.index("phi_ref"), 1] = per_mps2[1]
-    per_weight = _collective_per_weight(kernel)
-    lift = np.cos(tilt[0]) * np.cos(tilt[1])
-    collective = np.outer(Bd[:, _N_U], [0.0, 0.0, -per_weight / (kernel.g * lift)])
+    collective = np.outer(flown.B[:, _N_U], flown.collective)
     one = np.block(
-        [[Ad + from_law @ direct[0] @ y, from_law @ law_.C], [to_law[0] @ y, law_.A]],
+        [[flown.A + from_law @ direct[0] @ y, from_law @ law_.C], [to_law[0] @ y, law_.A]],
     )
-    enters = np.vstack([from_law @ direct[1] @ commands + collective, to_law[1] @ commands])
-    enters = np.hstack([enters, np.vstack([Bd[:, _N_U:], np.zeros((len(law_.A), 1))])])
+    enters = np.vstack(
+        [from_law @ direct[1] @ flown.commands + collective, to_law[1] @ flown.commands]
+    )
+    enters = np.hstack([enters, np.vstack([flown.B[:, _N_U:], np.zeros((len(law_.A), 1))])])
     power, held = np.eye(len(one)), np.zeros_like(enters)
     for _ in range(period_ticks):
         held, power = one @ held + enters, one @ power
     held, held_collective = held[:, :_AXES], held[:, _AXES]
     eye = np.eye(len(one))
-    compensated = per_weight / lift * (np.tan(tilt) @ eye[[NINE.phi, NINE.theta]])
-    power += np.outer(held_collective, compensated)
-    explained = np.zeros((_AXES, len(one)))
-    explained[:2, [NINE.theta, NINE.phi]] = np.diag([-1.0, 1.0]) / per_mps2
-    # The observer is kept in NED, which turns against the nose.
-    explained[:2, NINE.psi] = -against[1], against[0]
-    read = [(eye[_POSITION.start + i], eye[_SPEED.start + i], explained[i]) for i in range(_AXES)]
+    beside = np.zeros(len(law_.A))
+    power += np.outer(held_collective, np.append(flown.compensated, beside))
+    explained = np.hstack([flown.explained, np.tile(beside, (_AXES, 1))])
+    read = [(eye[POSITION.start + i], eye[SPEED.start + i], explained[i]) for i in range(_AXES)]
     M = np.concatenate(read)
     # What is compared with the wind turns as the nose does.
-    power += held @ np.outer([against[1], -against[0], 0.0], eye[NINE.psi])
+    power += held @ np.outer(flown.turned, eye[NINE.psi])
     return CoupledPlant(power, held, M, period_ticks * attitude.dt)
 
 
@@ -226,7 +285,7 @@ def _collective_per_weight(kernel: OuterParams) -> float:
 
 # A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
 # from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg.
-_WANTED = tuple(
+WANTED = tuple(
     AxisRequirements(
         position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=0.4, step_mps2=step
     )
@@ -286,7 +345,7 @@ class PositionLoop:
         """
         filter_s = outer["attitude_lead.filter_s"]
         alone = [
-            best_gains(NAMES[i], axis, self.others[i], _WANTED[i], OBSERVER_DAMPING, filter_s)
+            best_gains(NAMES[i], axis, self.others[i], WANTED[i], OBSERVER_DAMPING, filter_s)
             for i, axis in enumerate(self.axes)
         ]
         gains = self._held_in_bank(alone, filter_s)
@@ -313,7 +372,7 @@ class PositionLoop:
         def price(numbers: Sequence[float]) -> float:
             gains = tuple(gains_at(row, OBSERVER_DAMPING, filter_s) for row in rows(numbers))
             axes_cost = sum(
-                cost(gains[i], self.axes[i], self.others[i], _WANTED[i]) for i in range(2)
+                cost(gains[i], self.axes[i], self.others[i], WANTED[i]) for i in range(2)
             )
             if not np.isfinite(axes_cost):
                 return np.inf
@@ -357,7 +416,7 @@ def position_loop(
     PlantConfigError, TrimError
     """
     around = position_axes(plant, outer, attitude, model)
-    gusts = _gusts(around.config)
+    gusts = gusts_along(around.config)
     nominal = around.axes(actuation, gusts)
     late = replace(actuation, delay_s=actuation.delay_s + TICK_S)
     slow_and_late = replace(late, servo_radps=(1.0 - _DOUBT) * late.servo_radps)
@@ -378,7 +437,7 @@ def position_loop(
     return PositionLoop(nominal, others, around.lags_s, coupled, tuple(banked))
 
 
-def _gusts(config: PlantConfig) -> tuple[tuple[Sampled, ...], ...]:
+def gusts_along(config: PlantConfig) -> tuple[tuple[Sampled, ...], ...]:
     """Turbulence along each axis where the flight begins."""
     wind, altitude_m = config.wind, -float(config.pos_ned_m[2])
     sigma, sigma_w, length_m, length_w_m = dryden_scales(altitude_m, wind.w20_mps)
