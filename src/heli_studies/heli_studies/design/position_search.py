@@ -229,9 +229,13 @@ def _collective_per_weight(kernel: OuterParams) -> float:
 # thrust by a hundredth of the weight.
 _WANTED = tuple(
     AxisRequirements(
-        position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=0.4, step_mps2=step
+        position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=others, step_mps2=step
     )
-    for position, speed, step in ((0.16, 0.15, 0.05), (0.25, 0.15, 0.05), (0.10, 0.09, 0.12))
+    for position, speed, others, step in (
+        (0.16, 0.15, 0.4, 0.05),
+        (0.25, 0.15, 0.4, 0.05),
+        (0.10, 0.09, 0.43, 0.12),
+    )
 )
 _DOUBT = 0.3
 """Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
