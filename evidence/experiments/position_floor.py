@@ -35,7 +35,7 @@ from heli_studies.campaign.run import FlownSeed, fly_seeds, inside_of, worst_of_
 from heli_studies.compare import loop_as_flown
 from heli_studies.design.position_search import PositionLoop, position_loop
 
-GPS, TRUTH, WORLDS = "rtk", "truth", ("paper", "honest")
+GPS, TRUTH, WORLDS = "rtk", "truth", ("paper", "honest", "hard")
 SETTLED_S = 30.0
 INTO_THE_WIND = {"scenario": {"heading_deg": 45.0}}
 """The scenario's wind blows towards 225 deg."""

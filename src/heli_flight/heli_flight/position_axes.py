@@ -73,11 +73,12 @@ class PositionAxes:
         blocks.append(_lifted(actuation, E[2, 2]))
         heave = modelled_heave_damping_per_s(self.params)
         modelled = [(self.lags_s[0], 0.0), (self.lags_s[1], 0.0), (0.0, heave)]
-        standing_s = self.params.tilt_standing_s
+        level = self.params.tilt_standing_s, 0.0
+        of_law = level, level, (0.0, self.params.collective_prediction_s)
         errors = _POSITION_ERROR, _SPEED_ERROR
         return tuple(
-            Axis(blocks[i], *modelled[i], gusts[i], *errors, self.period_ticks, stands_s)
-            for i, stands_s in enumerate((standing_s, standing_s, 0.0))
+            Axis(blocks[i], *modelled[i], gusts[i], *errors, self.period_ticks, *of_law[i])
+            for i in range(len(of_law))
         )
 
 

@@ -62,6 +62,8 @@ class Axis:
         What the controller's own model knows of actuation and damping; lag 0: none.
     tilt_standing_s : float
         `disturbance.tilt_standing_s` where the tilt is measured; 0: it is not used.
+    prediction_s : float
+        Over which the controller predicts the speed that it feeds back; not without an observer.
     gusts : sequence of Sampled
         Speeds of the air along the axis, m/s; independent.
     position_error, speed_error : Sampled
@@ -78,6 +80,7 @@ class Axis:
     speed_error: Sampled
     period_ticks: int
     tilt_standing_s: float = 0.0
+    prediction_s: float = 0.0
 
     @property
     def dt_s(self) -> float:
@@ -213,7 +216,8 @@ def law(gains: Gains, axis: Axis) -> Sampled:
         d_hat = d_hat + dt * g.l2 * innovation
     else:
         v_hat, d_hat = 0.0 * v_hat, 0.0 * d_hat
-    wanted = -g.K_P * position - g.K_D * speed - d_hat
+    ahead = speed + (axis.prediction_s * (modelled + d_hat) if g.l2 > 0.0 else 0.0)
+    wanted = -g.K_P * position - g.K_D * ahead - d_hat
     command = wanted + g.lead_s / g.lead_filter_s * (wanted - led)
     held = np.exp(-dt / g.lead_filter_s)
     led = held * led + (1.0 - held) * wanted

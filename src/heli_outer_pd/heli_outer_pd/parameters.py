@@ -256,6 +256,9 @@ TABLE: tuple[Parameter, ...] = (
          shape=(2,), lower=0.1, upper=2.0),
     _row("collective_lag_s", "double", "Lag of thrust behind its command", "s",
          lower=0.0, upper=0.5),
+    _row("collective_prediction_s", "double", "The vertical speed is fed back as it will be in "
+         "so long, with the thrust and the estimated disturbance of now; 0: as it is", "s",
+         lower=0.0, upper=0.2),
     _row("blade_pitch_floor", "double", "Smallest blade pitch, fraction of hover's", "",
          lower=0.0, upper=0.9),
     _row("mass", "double", "Mass of the aircraft", "kg", lower=0.1, upper=2e4),
@@ -328,6 +331,7 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         mass=p["mass"],
         g=p["gravity"],
         thrust_limits=np.asarray(p["thrust_limits"], float),
+        collective_prediction_s=p["collective_prediction_s"],
         collective_floor=collective_floor,
         trim=trim,
         rotor=rotor,

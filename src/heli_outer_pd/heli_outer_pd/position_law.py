@@ -81,6 +81,7 @@ from heli_outer_pd.state import (
     blade_pitch,
     collective_for_thrust,
     initial_state,
+    thrust_for_collective,
 )
 
 # -------------------------------------------------------------------------------------------------
@@ -253,6 +254,25 @@ def _with_lead(a, lead, led, c, s, k, state):
 
 
 @njit
+def _error_ahead_mps(nav, wanted_mps2, d_down, lift, k, state):
+    """What the prediction adds to the error of the speed down (m/s).
+
+    Thrust follows the collective late, by delay, servo and half a step: the error is taken where
+    the new command acts, by what reference, thrust and disturbance make of it until then. Only in
+    flight, and where disturbance and speed are known: on the ground the skids carry a part.
+    """
+    guidance = state.machine[MACHINE.guidance]
+    flies = guidance == FLIES or guidance == STEERED
+    known = k.wind_compensation > 0.5 and state.machine[MACHINE.altitude] == ALTITUDE_VALID
+    if not (flies and known):
+        return 0.0
+    d_col, d_col_trim = state.x[MEMORY.command][SETPOINT.col], k.trim[SETPOINT.col]
+    thrust = thrust_for_collective(d_col, nav[NAV.down_vel], trim_thrust(k), d_col_trim, k.rotor)
+    flown_mps2 = k.g - thrust * lift / k.mass + d_down
+    return k.collective_prediction_s * (wanted_mps2 - flown_mps2)
+
+
+@njit
 def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     """PD action, lift compensation and the inversions of (20) and (21); writes out (4,)."""
     error, pos_error_h, vel_error_h, a = scratch(3), scratch(3), scratch(3), scratch(3)
@@ -262,6 +282,7 @@ def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     to_heading(error, c, s, vel_error_h)
     follows = scratch(3)
     to_heading(ref[SHAPED.acc], c, s, follows)
+    vel_error_h[2] += _error_ahead_mps(nav, follows[2], d_h[2], lift, k, state)
     for i in range(3):
         K_P, K_D = k.K_P[i], k.K_D[i]
         if i < 2:

@@ -247,6 +247,7 @@ class OuterParams(NamedTuple):
     mass: float  # kg
     g: float  # m/s2
     thrust_limits: np.ndarray  # (2,) fractions of m g
+    collective_prediction_s: float  # s, the speed down is predicted so far
     collective_floor: float  # at which the blades have their least pitch
     trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
     rotor: RotorMap

@@ -29,7 +29,9 @@ from heli_outer_pd.analysis import (
     modelled_heave_damping_per_s,
     plant,
 )
+from heli_outer_pd.disturbance import trim_thrust
 from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
+from heli_outer_pd.state import thrust_for_collective
 
 LAG_S, DAMPING = 0.4, 0.3
 GUSTS = ((0.6, 20.0), (0.4, 8.0))  # rms m/s and L / V, s: along and across
@@ -168,6 +170,54 @@ def test_the_law_is_the_one_that_flies(kernel, standing_s):
             x = k.A @ x + k.B @ y
         np.testing.assert_allclose(modelled, np.array(flown)[:, i], atol=2e-9)
     assert heave > 0.0
+
+
+@pytest.mark.parametrize("ahead_s", [0.0, 0.05])
+def test_the_vertical_law_is_the_one_that_flies(kernel, ahead_s):
+    """The same downwards, through the thrust map: with and without the speed predicted."""
+    rng = np.random.default_rng(4)
+    kernel = kernel._replace(collective_prediction_s=ahead_s)
+    path = np.cumsum(rng.normal(0.0, 1e-5, (60, 2)), axis=0)
+    path[0] = 0.0
+    state, out = position_law.initial_state(kernel), np.empty(SETPOINT.size)
+    flown = []
+    for down, down_vel in path:
+        hang = quat_from_euler(*kernel.trim[:2], 0.0)
+        nav = np.r_[0.0, 0.0, down, 0.0, 0.0, down_vel, hang]
+        position_law.position_law(nav, np.zeros(10), kernel, state, out)
+        flown.append(out[SETPOINT.col] - kernel.trim[SETPOINT.col])
+    weight = trim_thrust(kernel)
+    lift_per_collective = (
+        thrust_for_collective(
+            kernel.trim[SETPOINT.col] + 1e-6, 0.0, weight, kernel.trim[SETPOINT.col], kernel.rotor
+        )
+        - weight
+    ) * (kernel.g / weight / 1e-6)
+    axis = replace(
+        AXIS,
+        modelled_lag_s=0.0,
+        modelled_damping_per_s=modelled_heave_damping_per_s(kernel),
+        period_ticks=round(kernel.dt_s / TICK_S),
+        prediction_s=ahead_s,
+    )
+    k, x, modelled = law(Gains.of(kernel, 2), axis), np.zeros(6), []
+    for down, down_vel in path:
+        y = np.array([down, down_vel, 0.0])
+        modelled.append(-(k.C @ x + k.D @ y)[0] / lift_per_collective)
+        x = k.A @ x + k.B @ y
+    np.testing.assert_allclose(modelled, flown, atol=2e-8)
+    assert np.abs(flown).max() > 1e-5
+
+
+def test_a_predicted_speed_keeps_the_margin_at_higher_gains():
+    """A servo's lag and a delay, for which the prediction makes up: nearly twice the gains."""
+    servo_s = 0.026
+    behind = replace(AXIS, actuation=lagging(servo_s), modelled_lag_s=0.0)
+    calm, brisk = gains(4.3, 8.2, 5.6), gains(7.5, 15.0, 6.8)
+    ahead = replace(behind, prediction_s=TICK_S + servo_s + 0.5 * behind.dt_s)
+    assert analyse(behind, brisk).disk_margin < 0.7 * analyse(behind, calm).disk_margin
+    assert analyse(ahead, brisk).disk_margin > analyse(behind, calm).disk_margin
+    assert analyse(ahead, brisk).speed_rms_mps < analyse(behind, calm).speed_rms_mps
 
 
 def test_margins_of_a_known_loop():

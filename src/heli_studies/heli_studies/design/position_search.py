@@ -284,12 +284,17 @@ def _collective_per_weight(kernel: OuterParams) -> float:
 # -------------------------------------------------------------------------------------------------
 
 # A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
-# from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg.
+# from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg,
+# thrust by a hundredth of the weight.
 WANTED = tuple(
     AxisRequirements(
-        position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=0.4, step_mps2=step
+        position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=others, step_mps2=step
     )
-    for position, speed, step in ((0.16, 0.15, 0.05), (0.25, 0.15, 0.05), (0.10, 0.09, np.inf))
+    for position, speed, others, step in (
+        (0.16, 0.15, 0.4, 0.05),
+        (0.25, 0.15, 0.4, 0.05),
+        (0.10, 0.09, 0.43, 0.12),
+    )
 )
 _DOUBT = 0.3
 """Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
