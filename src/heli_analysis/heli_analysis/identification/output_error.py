@@ -13,16 +13,21 @@ Turbulence makes the residuals coloured, and the Cramer-Rao bound too small. Its
 autocorrelation: Morelli and Klein, "Accuracy of aerodynamic model parameters estimated from flight
 test data", J. Guidance, Control, and Dynamics 20(1), 1997.
 
-The method knows no noise on inputs and no feedback of noise into them; the other one does. Where
-both agree, neither matters.
+In a loop the noise comes back through the inputs, and least squares is biased by many sigmas. So
+where the excitation is known the fit ends with instruments: what is left is made orthogonal to the
+derivatives of the rates that follow from the excitation alone, not to those of the measured inputs
+(instrumental variables in closed loop: Gilson and Van den Hof, Automatica 41(2), 2005; Ljung,
+System Identification, 2nd ed., 1999, ch. 7 and 13). The covariance is that of this estimator, with
+the coloured residuals in its middle. What no sigma holds: wind that the attitude turns, a delay or
+a servo's lag that is taken wrong, an aircraft that is not linear.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import bilinear, butter, lfilter, sosfilt
 
 from heli_analysis.identification.actuators import IdentifiedAB, refitted
 from heli_analysis.identification.aperiodic import AperiodicRecord, spectra_of_record
@@ -48,6 +53,9 @@ _ROUNDS, _EVALUATIONS = 4, 12
 _STILL = 0.1  # of a parameter's sigma, RMS
 _MEMORY_S = 5.0  # autocorrelation of the residuals
 _SINGULAR = 1e8
+_LAGS_RADPS, _LAGS, _LAG_DAMPING = (0.3, 60.0), 3, 0.5
+"""Second-order lags of the excitation, of which a loop's answer to it is made up: few, as each
+takes a part of the noise along."""
 _MOST_GROWTH = 30.0  # log of what a simulation may grow by
 
 
@@ -60,6 +68,8 @@ class RecordPiece:
     u : (N, 4) array
     gust_body_mps, vel_body_mps, rate_body_radps : (N, 3) arrays
     settled : int
+    answer : RecordPiece or None
+        What of it follows from the excitation; None: no excitation is known.
     """
 
     u: Array
@@ -67,6 +77,7 @@ class RecordPiece:
     vel_body_mps: Array
     rate_body_radps: Array
     settled: int
+    answer: "RecordPiece | None" = None
 
 
 @dataclass(frozen=True)
@@ -84,6 +95,8 @@ class OutputError:
     model : FastModel
     fit : (3,) array
         Theil's inequality coefficient of p, q, r: 0 perfect, below 0.25 good (Jategaonkar).
+    instrumented : bool
+        False: noise that a loop feeds back into the inputs leaves a bias that is in no sigma.
     """
 
     names: tuple[str, ...]
@@ -92,6 +105,7 @@ class OutputError:
     white_sigma: Array
     model: FastModel
     fit: Array
+    instrumented: bool
 
     @property
     def sigma(self) -> Array:
@@ -179,7 +193,9 @@ def _march(Phi: Array, drive: Array) -> Array:
         raise IdentificationError(
             IdentificationCause.UNSTABLE,
             f"simulated over {drive.shape[0] * TICK_S:.0f} s the model grows with "
-            f"{growth / TICK_S:.2f} 1/s: output error in the time domain needs shorter pieces",
+            f"{growth / TICK_S:.2f} 1/s, which output error follows for "
+            f"{_MOST_GROWTH * TICK_S / growth:.0f} s at most: shorter runs of the record, or the "
+            "frequency domain alone",
         )
     modes = drive @ np.linalg.inv(V).T
     for i, pole in enumerate(poles):
@@ -200,7 +216,8 @@ def pieces_of_experiment(experiment: Experiment, band_hz: tuple[float, float]) -
         np.tile(x.reshape(*shape, -1).mean(axis=0), (2, 1))
         for x in (steady.u, steady.gust_body_mps, steady.vel_body_mps, steady.rate_body_radps)
     ]
-    return [_filtered(signals, band_hz, steady.period_ticks)]
+    added = np.tile(steady.excitation_u.reshape(*shape, -1).mean(axis=0), (2, 1))
+    return [_instructed(_filtered(signals, band_hz, steady.period_ticks), added, band_hz)]
 
 
 def pieces_of_record(record: AperiodicRecord, band_hz: tuple[float, float]) -> list[RecordPiece]:
@@ -208,6 +225,7 @@ def pieces_of_record(record: AperiodicRecord, band_hz: tuple[float, float]) -> l
     settled = round(_SETTLED_S * TICKS_PER_S)
     still = np.zeros_like(record.vel_body_mps)
     signals = (record.u, still, record.vel_body_mps, record.rate_body_radps)
+    added = record.excitation_u
     runs = record.runs or ((0, record.u.shape[0]),)
     long = [run for run in runs if run[1] - run[0] > 2 * settled]
     if not long:
@@ -215,13 +233,42 @@ def pieces_of_record(record: AperiodicRecord, band_hz: tuple[float, float]) -> l
             IdentificationCause.TOO_SHORT,
             f"no piece without a gap is longer than {2.0 * _SETTLED_S:g} s",
         )
-    return [_filtered([x[a:b] for x in signals], band_hz, settled) for a, b in long]
+    return [
+        _instructed(_filtered([x[a:b] for x in signals], band_hz, settled), added[a:b], band_hz)
+        for a, b in long
+    ]
 
 
 def _filtered(signals: Sequence[Array], band_hz: tuple[float, float], settled: int) -> RecordPiece:
-    sections = butter(2, band_hz, "bandpass", fs=TICKS_PER_S, output="sos")
-    u, gust, vel, rate = (sosfilt(sections, x - x[:1], axis=0) for x in signals)
+    u, gust, vel, rate = (_banded(x, band_hz) for x in signals)
     return RecordPiece(u, gust, vel, rate, settled)
+
+
+def _banded(x: Array, band_hz: tuple[float, float]) -> Array:
+    sections = butter(2, band_hz, "bandpass", fs=TICKS_PER_S, output="sos")
+    return np.asarray(sosfilt(sections, x - x[:1], axis=0))
+
+
+def _instructed(piece: RecordPiece, added: Array, band_hz: tuple[float, float]) -> RecordPiece:
+    """A piece with its answer to the excitation (N, 4), if there is one.
+
+    What of actuators and velocity is a linear combination of the excitation and of what lags behind
+    it.
+    """
+    moved = _banded(added[:, np.ptp(added, axis=0) > 0.0], band_hz)
+    if not moved.size:
+        return piece
+    columns = [moved]
+    for omega in np.geomspace(*_LAGS_RADPS, _LAGS):
+        lag = [1.0, 2.0 * _LAG_DAMPING * omega, omega**2]
+        for above in ([omega**2], [omega, 0.0]):
+            columns.append(lfilter(*bilinear(above, lag, TICKS_PER_S), moved, axis=0))
+    X = np.hstack(columns)
+    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    Q, triangle = np.linalg.qr(X / scale)
+    Q = Q[:, np.abs(np.diag(triangle)) > 1e-8]
+    u, vel = (Q @ (Q.T @ x) for x in (piece.u, piece.vel_body_mps))
+    return replace(piece, answer=replace(piece, u=u, vel_body_mps=vel))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -255,21 +302,29 @@ def fit_output_error(
         model = assemble(names, x, start)
         return np.vstack([(p.rate_body_radps - simulate(model, p))[p.settled :] for p in pieces])
 
-    def sensitivity(x: Array) -> Array:
-        at, columns = left(x), []
+    def sensitivity(x: Array, of: Callable[[Array], Array] = left) -> Array:
+        at, columns = of(x), []
         for i, name in enumerate(names):
             step = 1e-6 * max(abs(x[i]), 1e-2 if place_of(name) is None else 1e-3)
             moved = x.copy()
             moved[i] += step
-            columns.append((left(moved) - at) / step)
+            columns.append((of(moved) - at) / step)
         return np.stack(columns, axis=-1)
+
+    def answered(x: Array) -> Array:
+        model = assemble(names, x, start)
+        return np.vstack([-simulate(model, p.answer or p)[p.settled :] for p in pieces])
 
     for _ in range(_ROUNDS):
         e = left(values)
         W = np.linalg.inv(np.linalg.cholesky(e.T @ e / e.shape[0] + 1e-18 * np.eye(3)))
 
-        def weighed(x: Array, W: Array = W) -> Array:
-            return (left(x) @ W.T).ravel()
+        def weighed(x: Array, W: Array = W, size: int = e.size) -> Array:
+            try:
+                return (left(x) @ W.T).ravel()
+            except IdentificationError:
+                # a step too far, which SciPy then takes again, shorter
+                return np.full(size, np.inf)
 
         def jacobian(x: Array, W: Array = W) -> Array:
             return np.einsum("ij,njk->nik", W, sensitivity(x)).reshape(-1, x.size)
@@ -289,30 +344,71 @@ def fit_output_error(
             IdentificationCause.NOT_CONVERGED,
             f"output error of {len(names)} parameters did not settle in the time domain",
         )
+    told = None
+    if any(p.answer is not None for p in pieces):
+        told = _instrumented(values, (low, high), left, sensitivity, answered)
+    instrumented = told is not None
+    if told is None:
+        S = found.jac.reshape(e.shape[0], 3, values.size)
+        told = values, S, S, left(values) @ W.T
+    values, S, Z, w = told
+    bound, covariance = _cramer_rao(S, Z, w)
     e = left(values)
-    S = found.jac.reshape(e.shape[0], 3, values.size)
-    bound, covariance = _cramer_rao(S, e @ W.T)
     measured = np.vstack([p.rate_body_radps[p.settled :] for p in pieces])
     rms = np.sqrt(np.mean(e**2, axis=0))
     size = np.sqrt(np.mean(measured**2, axis=0)) + np.sqrt(np.mean((measured - e) ** 2, axis=0))
     return OutputError(
         names, values, covariance, np.sqrt(np.maximum(np.diag(bound), 0.0)),
-        assemble(names, values, start), rms / np.maximum(size, 1e-300),
+        assemble(names, values, start), rms / np.maximum(size, 1e-300), instrumented,
     )  # fmt: skip
 
 
-def _cramer_rao(S: Array, w: Array) -> tuple[Array, Array]:
-    """Bound with white residuals, and corrected; S (N, 3, n) and w (N, 3) whitened at lag 0.
+def _instrumented(
+    values: Array,
+    bounds: tuple[Array, Array],
+    left: Callable[[Array], Array],
+    sensitivity: Callable[..., Array],
+    answered: Callable[[Array], Array],
+) -> tuple[Array, Array, Array, Array] | None:
+    """Values at which what is left is orthogonal to what the excitation alone would move.
 
-    M^-1 (sum_ij S_i' C(i - j) S_j) M^-1, where C is the residuals' autocorrelation. The double sum
-    is made by Fourier transforms; a triangular lag window keeps the spectrum of C positive.
+    Returns
+    -------
+    (values, S, Z, w)
+        Derivatives of what is left and of the instruments (N, 3, n), and what is left (N, 3), all
+        whitened at lag 0. None: it does not settle, as where the excitation is weak.
+    """
+    for _ in range(_EVALUATIONS):
+        try:
+            e = left(values)
+        except IdentificationError:
+            return None
+        W = np.linalg.inv(np.linalg.cholesky(e.T @ e / e.shape[0] + 1e-18 * np.eye(3)))
+        S, Z = (np.einsum("ij,njk->nik", W, sensitivity(values, of)) for of in (left, answered))
+        w = e @ W.T
+        flat, instruments = (x.reshape(-1, values.size) for x in (S, Z))
+        gauge = np.sqrt(np.maximum(np.sum(flat**2, axis=0), 1e-300))
+        M = instruments.T @ (flat / gauge)
+        step = np.linalg.lstsq(M, instruments.T @ w.ravel(), rcond=1e-13)[0] / gauge
+        moved = np.linalg.norm(flat @ step) / np.sqrt(values.size)
+        if moved < _STILL:
+            return values, S, Z, w
+        values = np.clip(values - step, *bounds)
+    return None
+
+
+def _cramer_rao(S: Array, Z: Array, w: Array) -> tuple[Array, Array]:
+    """Bound with white residuals, and corrected; S, Z (N, 3, n) and w (N, 3) whitened at lag 0.
+
+    M^-1 (sum_ij Z_i' C(i - j) Z_j) M'^-1, M = Z'S, where C is the residuals' autocorrelation. The
+    double sum is made by Fourier transforms; a triangular lag window keeps the spectrum of C
+    positive.
     """
     count, n = S.shape[0], S.shape[2]
-    flat = S.reshape(-1, n)
-    M = flat.T @ flat
-    gauge = np.sqrt(np.maximum(np.diag(M), 1e-300))
-    inverse = np.linalg.pinv(M / np.outer(gauge, gauge), rcond=1e-13, hermitian=True)
-    inverse /= np.outer(gauge, gauge)
+    flat, instruments = S.reshape(-1, n), Z.reshape(-1, n)
+    gauge = np.sqrt(np.maximum(np.sum(flat**2, axis=0), 1e-300))
+    M = instruments.T @ flat / np.outer(gauge, gauge)
+    inverse = np.linalg.pinv(M, rcond=1e-13) / np.outer(gauge, gauge)
     lags = min(round(_MEMORY_S * TICKS_PER_S), count // 4)
     size = 1 << int(np.ceil(np.log2(count + lags)))
     spectrum = np.fft.rfft(w, size, axis=0)
@@ -321,12 +417,13 @@ def _cramer_rao(S: Array, w: Array) -> tuple[Array, Array]:
     taper[:lags] = 1.0 - np.arange(lags) / lags
     taper[1 - lags :] = taper[1:lags][::-1]
     density = np.fft.rfft(cross * taper[:, None, None], axis=0)
-    s = np.fft.rfft(S, size, axis=0)
+    s = np.fft.rfft(Z, size, axis=0)
     twice = np.full(s.shape[0], 2.0)
     twice[[0, -1]] = 1.0
     right = np.einsum("fij,fjn->fin", density, s)
     middle = np.einsum("f,fim,fin->mn", twice, s.conj(), right, optimize=True).real / size
-    return inverse, inverse @ middle @ inverse
+    white = inverse @ instruments.T @ instruments @ inverse.T
+    return white, inverse @ middle @ inverse.T
 
 
 # -------------------------------------------------------------------------------------------------
