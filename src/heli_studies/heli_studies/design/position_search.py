@@ -224,14 +224,14 @@ def _collective_per_weight(kernel: OuterParams) -> float:
 # report for an aircraft that is identified.
 # -------------------------------------------------------------------------------------------------
 
-# A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
-# from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg.
-_WANTED = tuple(
+WANTED = tuple(
     AxisRequirements(
         position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=0.4, step_mps2=step
     )
     for position, speed, step in ((0.16, 0.15, 0.05), (0.25, 0.15, 0.05), (0.10, 0.09, np.inf))
 )
+"""A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
+from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg."""
 _DOUBT = 0.3
 """Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
 _BANKED = ((8.0, 0.3), (10.0, 0.2))
@@ -286,7 +286,7 @@ class PositionLoop:
         """
         filter_s = outer["attitude_lead.filter_s"]
         alone = [
-            best_gains(NAMES[i], axis, self.others[i], _WANTED[i], OBSERVER_DAMPING, filter_s)
+            best_gains(NAMES[i], axis, self.others[i], WANTED[i], OBSERVER_DAMPING, filter_s)
             for i, axis in enumerate(self.axes)
         ]
         gains = self._held_in_bank(alone, filter_s)
@@ -313,7 +313,7 @@ class PositionLoop:
         def price(numbers: Sequence[float]) -> float:
             gains = tuple(gains_at(row, OBSERVER_DAMPING, filter_s) for row in rows(numbers))
             axes_cost = sum(
-                cost(gains[i], self.axes[i], self.others[i], _WANTED[i]) for i in range(2)
+                cost(gains[i], self.axes[i], self.others[i], WANTED[i]) for i in range(2)
             )
             if not np.isfinite(axes_cost):
                 return np.inf
