@@ -49,7 +49,15 @@ from heli_studies.compare import loop_as_flown
 from heli_studies.design.position_search import WANTED, PositionLoop, position_loop
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mpc_position.py"
-DEFAULT, MPC, AHEAD = "default", "MPC", "MPC, path known"
+DEFAULT, SEARCHED, MPC, AHEAD = "default", "default, searched gains", "MPC", "MPC, path known"
+GAINS = {
+    "K_P": [1.6, 1.3, 4.3],
+    "K_D": [3.6, 2.7, 8.2],
+    "disturbance.bandwidth_radps": [0.75, 2.7, 5.6],
+    "attitude_lead.lead_s": [0.27, 0.3],
+}
+"""What the packaged controller's search finds (`./heli design --search`); the default's gains of
+forward and right are set by hand."""
 WORLDS = ("paper", "honest", "hard")
 STARTS: Sequence[Sequence[Sequence[float]]] = (
     ((0.3, 0.1, 1.0, 0.5), (0.3, 0.3, 3.0, 0.8)),
@@ -58,6 +66,7 @@ STARTS: Sequence[Sequence[Sequence[float]]] = (
 )
 """Where the search for the weights of each axis begins."""
 _UNLIMITED = 1e9
+Over = Mapping[str, Mapping[str, Any]]
 
 
 @cache
@@ -184,7 +193,7 @@ _LINKS = tuple(
     f"{{what: link, from: any, to: any, kind: {kind}, value: {value}, start_s: {_FAULT_S}}}"
     for kind, value in (("loss", 0.2), ("delay", 0.03))
 )
-FAULTS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+FAULTS: Mapping[str, Over] = {
     "a fifth of all messages lost, each 30 ms late": {
         node.name: {"link_faults": _LINKS} for node in NODES
     },
@@ -197,9 +206,19 @@ FEW_SEEDS = 10
 """So many of the seeds fly manoeuvres and faults."""
 
 
+def settings_of(
+    scenario: str, form: str, seed: int, where: str = "honest", over_: Over | None = None
+) -> Settings:
+    """What is flown, with RTK."""
+    nodes = dict(over_ or {})
+    if form == SEARCHED:
+        nodes["outer_loop"] = {**nodes.get("outer_loop", {}), **GAINS}
+    return resolve(scenario, "rtk", world=where, overrides=nodes).with_seed(seed)
+
+
 def flown_by(settings: Settings, form: str) -> tuple[LoopFlight, Any]:
     """The flight of a controller, and the MPC that flew it, None of the default."""
-    if form == DEFAULT:
+    if form in (DEFAULT, SEARCHED):
         return simulate(settings), None
     mpc = example().MpcPosition()
     if form == AHEAD:
@@ -231,10 +250,10 @@ def asked_of(mpc: Any) -> dict[str, int]:
     }
 
 
-@over(world=WORLDS, form=(DEFAULT, MPC))
+@over(world=WORLDS, form=(DEFAULT, SEARCHED, MPC))
 def hover(world: str, form: str, seed: int) -> dict[str, Any] | None:
     """Largest errors in the order of `HOVER`; None of a flight that was lost."""
-    settings = resolve("hover", "rtk", world=world).with_seed(seed)
+    settings = settings_of("hover", form, seed, world)
     flight, mpc = flown_by(settings, form)
     record = flight.record
     drift = drift_at_engagement(record)
@@ -248,12 +267,12 @@ def hover(world: str, form: str, seed: int) -> dict[str, Any] | None:
     }
 
 
-@over(manoeuvre=tuple(MANOEUVRES), form=(DEFAULT, MPC, AHEAD))
+@over(manoeuvre=tuple(MANOEUVRES), form=(DEFAULT, SEARCHED, MPC, AHEAD))
 def manoeuvre(manoeuvre: str, form: str, seed: int) -> dict[str, Any] | None:
     """How a path is followed in `honest` with RTK; None of a flight that was lost."""
     scenario, path = MANOEUVRES[manoeuvre]
-    settings = resolve(scenario, "rtk", world="honest", overrides={"scenario": path})
-    flight, mpc = flown_by(settings.with_seed(seed), form)
+    settings = settings_of(scenario, form, seed, over_={"scenario": path})
+    flight, mpc = flown_by(settings, form)
     record = flight.record
     drift = drift_at_engagement(record)
     if flight.sentence or drift is None:
@@ -273,11 +292,11 @@ def manoeuvre(manoeuvre: str, form: str, seed: int) -> dict[str, Any] | None:
     }
 
 
-@over(fault=tuple(FAULTS), form=(DEFAULT, MPC))
+@over(fault=tuple(FAULTS), form=(DEFAULT, SEARCHED, MPC))
 def faulty(fault: str, form: str, seed: int) -> float | None:
     """Largest distance from where it was at the fault, m; None of a flight that was lost."""
     over_ = {**FAULTS[fault], "scenario": _STAYS}
-    settings = resolve("hover", "rtk", world="honest", overrides=over_).with_seed(seed)
+    settings = settings_of("hover", form, seed, over_=over_)
     flight, _ = flown_by(settings, form)
     pos, since = flight.record.truth_pos_ned_m, flight.record.time_s >= _FAULT_S
     return (
@@ -348,11 +367,11 @@ def cpu() -> dict[str, float]:
     Over a flight of the manoeuvre that asks OSQP most.
     """
     scenario, path = list(MANOEUVRES.values())[-1]
-    settings = resolve(scenario, "rtk", world="honest", overrides={"scenario": path})
+    settings = settings_of(scenario, MPC, 1, over_={"scenario": path})
     mpc = example().MpcPosition()
     steps, programs = list[tuple[float, Any]](), list[tuple[float, Any]]()
     with timed(mpc, "step", steps), timed(example().Qp, "solve", programs):
-        fly_settings(settings.with_seed(1), [PythonLaw(mpc)])
+        fly_settings(settings, [PythonLaw(mpc)])
     packaged, packaged_us, out = initial_state(mpc.k), list[float](), np.zeros(SETPOINT.size)
     for _, (nav, reference, _) in steps:
         begin = time.process_time_ns()
@@ -452,7 +471,7 @@ def mpc_manoeuvres(results: Results) -> str:
             _pair(row["worst_m"]),
             _pair(row["there_s"], 1),
             f"{row['tilt_deg']['worst']:.1f}",
-            "–" if row["form"] == DEFAULT else f"{100.0 * row['asked']:.1f}",
+            "–" if row["form"] in (DEFAULT, SEARCHED) else f"{100.0 * row['asked']:.1f}",
             str(row["lost"]),
         ]
         for row in record["manoeuvres"]
