@@ -31,7 +31,7 @@ from evidence.tables import grid, world
 from heli_core.linear import stationary
 from heli_core.metrics import PATH, hover_errors
 from heli_core.python_controller import PythonLaw
-from heli_core.rows import SETPOINT, SHAPED
+from heli_core.rows import REFERENCE, SETPOINT, SHAPED
 from heli_core.search import search
 from heli_flight.layers import NODES
 from heli_flight.loop import LoopFlight, fly_settings, simulate
@@ -280,7 +280,7 @@ def manoeuvre(manoeuvre: str, form: str, seed: int) -> dict[str, Any] | None:
     off = np.abs(errors(record, "truth_less_drift", PATH)["position"])
     limits = outer_params(settings.nodes["outer_loop"])
     tilts = record.setpoint[:, [SETPOINT.phi, SETPOINT.theta]] - limits.trim[:2]
-    goal = settings.scenario.reference.points[-1, :3]
+    goal = settings.scenario.reference.points[-1, REFERENCE.pos]
     away = np.linalg.norm(record.truth_pos_ned_m + drift - goal, axis=1)
     late = record.time_s[away > 0.5]
     return {
