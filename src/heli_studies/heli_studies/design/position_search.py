@@ -283,9 +283,6 @@ def _collective_per_weight(kernel: OuterParams) -> float:
 # report for an aircraft that is identified.
 # -------------------------------------------------------------------------------------------------
 
-# A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
-# from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg,
-# thrust by a hundredth of the weight.
 WANTED = tuple(
     AxisRequirements(
         position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=others, step_mps2=step
@@ -296,6 +293,9 @@ WANTED = tuple(
         (0.10, 0.09, 0.43, 0.12),
     )
 )
+"""A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
+from the doubt of mass, thrust and delay, down more for late links; tilt that shakes by a sixth of the
+paper's 1.7 deg, thrust by a hundredth of the weight."""
 _DOUBT = 0.3
 """Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
 _BANKED = ((8.0, 0.3), (10.0, 0.2))
