@@ -51,9 +51,9 @@ from heli_studies.design.position_search import WANTED, PositionLoop, position_l
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mpc_position.py"
 DEFAULT, SEARCHED, MPC, AHEAD = "default", "default, searched gains", "MPC", "MPC, path known"
 GAINS = {
-    "K_P": [1.6, 1.3, 4.3],
-    "K_D": [3.6, 2.7, 8.2],
-    "disturbance.bandwidth_radps": [0.75, 2.7, 5.6],
+    "K_P": [1.6, 1.3, 7.5],
+    "K_D": [3.6, 2.7, 15.0],
+    "disturbance.bandwidth_radps": [0.75, 2.7, 5.1],
     "attitude_lead.lead_s": [0.27, 0.3],
 }
 """What the packaged controller's search finds (`./heli design --search`); the default's gains of
