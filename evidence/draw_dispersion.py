@@ -13,7 +13,7 @@ from heli_core.errors import FlightError
 from heli_core.metrics import BY_KEY
 from heli_flight.report.figures import BLUE, GREEN, GREY, ORANGE, picture
 
-COLOURS = {"hinf_output": BLUE, "hinf": ORANGE, "pid": GREEN}
+COLOURS = {"hinf": BLUE, "lqr": ORANGE, "pid": GREEN}
 STYLES = dict(zip(CAMPAIGNS, ("-", "--"), strict=True))
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's hover test on aircraft up to 20 % off, for each controller.
 
-Usage: ./heli python -m evidence.experiments.dispersion [--control-preset hinf_output,hinf,pid]
+Usage: ./heli python -m evidence.experiments.dispersion [--control-preset hinf,lqr,pid]
                                     [--world NAME] [--flights N] [--workers N] [--rows DIR]
 
 Flies examples/campaign_paper.yaml under each control preset: the same aircraft, winds and sensor
@@ -38,7 +38,7 @@ from heli_studies.campaign.spec import EXIT_CODE, Spec, spec_of
 from heli_studies.campaign.workers import flier, tasks
 
 SPEC = Path(__file__).resolve().parents[2] / "examples" / "campaign_paper.yaml"
-LAWS = "hinf_output,hinf,pid"
+LAWS = "hinf,lqr,pid"
 LEVELS = [round(level, 4) for level in (*np.linspace(0.0, 0.95, 20), *np.linspace(0.955, 1.0, 10))]
 """Of the quantiles that a cumulative curve is drawn from."""
 _SURE = 0.01
@@ -132,9 +132,9 @@ def main() -> int:
 
 produces(
     "dispersion",
-    "./heli python -m evidence.experiments.dispersion --flights 2000",
-    "The paper's hover test on 2000 aircraft up to 20 % off, for each controller.",
-    tuple(range(1, 2001)),
+    "./heli python -m evidence.experiments.dispersion",
+    "The paper's hover test on 10 000 aircraft up to 20 % off, for each controller.",
+    tuple(range(1, 10_001)),
     MARGIN,
 )
 produces(

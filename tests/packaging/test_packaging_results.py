@@ -48,6 +48,8 @@ DESCRIPTIVE = {
     # docs/howto/ardupilot.md: of a protocol
     "| what | how |",
     "| what comes | what is done |",
+    # docs/doors.md: what was run against what, and in which version
+    "| door | other side | version | what was done | how often |",
     # docs/howto/mavlink.md: of a protocol, and of its peers
     "| message | what becomes of it |",
     "| peer | version | what was flown | how often |",
