@@ -22,6 +22,8 @@ FOLDER = Path(__file__).resolve().parents[1] / "examples" / "notebooks"
 LIMIT_S = 280
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e([-+]?\d+))?")
 _RELATIVE = 1e-3
+_BY_RICH = '<pre style="white-space:pre'
+"""So begins what a console of rich prints in a kernel: that something compiles, or takes long."""
 
 
 def notebooks(names: Sequence[str] = ()) -> list[Path]:
@@ -69,12 +71,18 @@ def tidied(book: Any) -> Any:
     for number, cell in enumerate(book.cells, 1):
         cell.id, cell.metadata = f"cell-{number:02d}", {}
         if cell.cell_type == "code":
-            outputs = [o for o in cell.outputs if o.get("name") != "stderr"]
+            outputs = [o for o in cell.outputs if not _of_the_run(o)]
             for output in outputs:
                 if "data" in output:
                     output.metadata = {}
             cell.outputs = outputs
     return book
+
+
+def _of_the_run(output: Any) -> bool:
+    """Whether it tells how the run goes: on stderr, or by rich, which a kernel shows as HTML."""
+    page = output.get("data", {}).get("text/html", "")
+    return output.get("name") == "stderr" or "".join(page).startswith(_BY_RICH)
 
 
 def texts(output: Any) -> dict[str, str]:
