@@ -17,7 +17,7 @@ from heli_outer_pd import state as thrust_map
 from heli_outer_pd.guidance.paths import FlightPath
 from heli_outer_pd.guidance.transfer import MotionLimits
 from heli_outer_pd.parameters import NODE_NAME, TABLE
-from heli_outer_pd.state import OuterStatus
+from heli_outer_pd.state import FLIES, LEAVES, LOW_BY_HAND, MACHINE, STEERED, OuterStatus
 from support.step_climb import step_climb
 
 YAML = Path(config.__file__).parents[1] / "config" / "outer_loop.yaml"
@@ -130,6 +130,25 @@ def test_equation_20_gives_the_thrust_it_asks_for():
     lift = r.rho * r.omega * r.radius**2 * r.lift_slope * r.blades * r.chord / 4
     blade_element = lift * (2 / 3 * r.omega * r.radius * pitch - v_i)
     assert blade_element == pytest.approx(thrust, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("guidance", "ahead"), [(FLIES, True), (STEERED, True), (LEAVES, False), (LOW_BY_HAND, False)]
+)
+def test_the_vertical_speed_is_predicted_in_flight_only(guidance, ahead):
+    """With a thrust off its trim; on the ground the skids carry what that thrust does not."""
+    commanded = []
+    for ahead_s in (0.0, 0.05):
+        k = kernel(collective_prediction_s=ahead_s)
+        state = position_law.initial_state(k)
+        state.machine[MACHINE.guidance] = guidance
+        state.x[position_law.MEMORY.command][SETPOINT.col] += 0.02
+        commanded.append(step(k, navigation(k), REF, state)[1])
+    now, later = commanded
+    np.testing.assert_array_equal(now[: SETPOINT.col], later[: SETPOINT.col])
+    assert (later[SETPOINT.col] != now[SETPOINT.col]) == ahead
+    # What has too little thrust (the collective is negative upwards) will sink: more is wanted.
+    assert not ahead or later[SETPOINT.col] < now[SETPOINT.col]
 
 
 @pytest.mark.parametrize("w_r", [-8.0, -2.5, 0.0, 1.5])
