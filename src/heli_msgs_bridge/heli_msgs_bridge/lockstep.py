@@ -392,6 +392,9 @@ class Lockstep:
         Wall time, s.
     refused : callable, optional
         Told of stamps too far from the clock, which is the next step or the trigger's newest.
+    of_leader : iterable of str, optional
+        Topics of the node that makes time. It may have begun without this node, and be connected
+        to it topic by topic: a node that joins it in flight waits for none that it never heard.
 
     Attributes
     ----------
@@ -409,6 +412,7 @@ class Lockstep:
         leads: bool = False,
         now_s: Callable[[], float] = time.monotonic,
         refused: Refused = lambda topic, tick, clock_tick: None,
+        of_leader: Iterable[str] = (),
     ) -> None:
         self._assembler = TickAssembler(demands)
         self._trigger = next(iter(demands))
@@ -422,6 +426,7 @@ class Lockstep:
         self._newest_trigger: int | None = None
         self._repeated_until: int | None = None
         self._progress_s = 0.0
+        self._unheard = set(of_leader)
         self.silent: set[str] = set()
 
     @property
@@ -456,9 +461,14 @@ class Lockstep:
             return
         waiting = self._assembler.kept(self._trigger)
         if self._leads or waiting:
-            self._assembler.start(0 if self._leads else waiting[0])
+            self._begin_at(0 if self._leads else waiting[0])
             self._newest_trigger = self._newest_in_a_row()
             self.resume()
+
+    def _begin_at(self, tick: int) -> None:
+        self._assembler.start(tick)
+        if tick > 0:
+            self.go_without(self._unheard)
 
     def _newest_in_a_row(self) -> int | None:
         """Newest trigger that is kept, of those that follow one another without a long gap."""
@@ -510,6 +520,7 @@ class Lockstep:
 
     def take(self, topic: str, tick: int, value: Any) -> None:
         """A message stamped with a tick; None if it cannot be used."""
+        self._unheard.discard(topic)
         if not (self._collecting or self._stepping):
             return
         assembler = self._assembler
@@ -522,7 +533,7 @@ class Lockstep:
             return
         if topic == self._trigger:
             if assembler.next_tick is None:
-                assembler.start(tick)
+                self._begin_at(tick)
             newest = self._newest_trigger
             self._newest_trigger = tick if newest is None else max(tick, newest)
         self.resume()

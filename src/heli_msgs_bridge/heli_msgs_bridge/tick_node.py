@@ -404,6 +404,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         self.links = HeardLinks(self.SPEC.name, lags, self.values)
         refused = self.refuse_stamp
         if self.values["lockstep"]:
+            leader = topics.BY_NAME[topics.CLOCK].source
             pace = Lockstep(
                 {i.topic: i.demand for i in inputs},
                 self._make_step,
@@ -412,6 +413,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
                 lambda: self.get_logger().warning(self.silence()),
                 leads,
                 refused=refused,
+                of_leader=() if leads else [t for t in lags if topics.BY_NAME[t].source == leader],
             )
             # Who leads flies at the pace of the wall clock where nobody commands.
             self.create_wall_timer(self.rate.tick_s if leads else _WATCH_PERIOD_S, pace.look)

@@ -322,3 +322,48 @@ def test_the_trigger_of_another_time_twice_in_a_row_sets_the_clock():
     for tick in (179_530_000, 5, 6, 7):
         pace.take("a", tick, 0)
     assert ticks == [179_530_000, 6, 7]
+
+
+def joined(tick, *heard):
+    """Ticks that a node makes which joins at one, by its trigger "a"; "b" is of the leader."""
+    ticks = []
+    pace = Lockstep(
+        {"a": Demand(), "b": Demand(), "c": Demand()},
+        lambda tick, _: ticks.append(tick),
+        TIMEOUT_S,
+        of_leader=["b"],
+    )
+    for name, before in heard:
+        pace.take(name, before, 0)
+    pace.start()
+    pace.take("c", tick, 0)
+    pace.take("a", tick, 0)
+    return ticks, pace
+
+
+def test_one_that_joins_in_flight_waits_for_nothing_of_the_leader_that_it_never_heard():
+    """It may not have been connected when that was sent; from its first message on it waits."""
+    ticks, pace = joined(7)
+    assert ticks == [7] and pace.silent == {"b"}
+    pace.take("b", 6, 0)
+    assert not pace.silent
+    pace.take("a", 8, 0)
+    pace.take("c", 8, 0)
+    assert ticks == [7]
+    pace.take("b", 8, 0)
+    assert ticks == [7, 8]
+
+
+def test_one_that_is_there_from_the_first_tick_waits_for_all():
+    assert joined(0)[0] == []
+
+
+def test_what_was_heard_once_is_waited_for():
+    """Also after a pause: who has been heard is connected."""
+    ticks, pace = joined(7, ("b", 5))
+    assert ticks == [] and not pace.silent
+    pace.stop()
+    pace.start()
+    pace.take("c", 9, 0)
+    pace.take("a", 9, 0)
+    assert ticks == [] and not pace.silent
