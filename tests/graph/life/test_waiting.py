@@ -17,6 +17,7 @@ from heli_live_view.node import LiveViewNode
 from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.lifecycle_node import NodeStartError
 from heli_msgs_bridge.peers import begun_without
+from heli_msgs_bridge.topics import ROTOR_SPEED
 from heli_observer.node import ObserverNode
 
 FLYING = ("plant", "observer", "inner_loop", "outer_loop")
@@ -84,6 +85,26 @@ def test_a_plant_alone_flies_and_says_who_is_missing(crew, lockstep):
     flown = plant.core.fallback.ticks
     one.fly(300)
     assert plant.core.fallback.ticks == flown and not plant.core.over
+
+
+def test_one_that_joins_in_flight_flies_though_the_plant_is_not_connected_to_it_yet(crew):
+    """DDS connects topic by topic: the tick that the plant waits in may lack the rotor speed."""
+    one = crew(
+        "plant", peers=list(FLYING), connect_timeout_s=0.1, duration_s=600.0, peer_timeout_s=LONG_S
+    )
+    plant = one.nodes["plant"]
+    one.bring_up("plant")
+    one.spin_until(lambda: plant.tick >= 20)
+    send = plant.core.send
+    sent, send[ROTOR_SPEED] = send[ROTOR_SPEED], lambda row, stamp_ns: None
+    one.join("observer", "inner_loop", "outer_loop")
+    one.bring_up("observer", "inner_loop", "outer_loop")
+    outer = one.nodes["outer_loop"]
+    one.spin_until(lambda: outer.core.stepped is not None and not plant.core.pace.silent)
+    one.fly(10)
+    send[ROTOR_SPEED] = sent
+    one.fly(10)
+    assert not outer.core.pace.silent
 
 
 def test_one_whose_peers_do_not_come_begins_without_them(crew):
