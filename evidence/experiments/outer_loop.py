@@ -36,11 +36,11 @@ from heli_studies.compare import loop_as_flown
 MEASURED = {
     "outer_loop": {
         "period_ticks": 1,
-        "K_P": [1.8, 1.8, 6.8],
-        "K_D": [3.0, 3.4, 13.0],
+        "K_P": [1.8, 1.8, 10.0],
+        "K_D": [3.0, 3.4, 20.0],
         "attitude_lead.lead_s": [0.4, 0.16],
-        "disturbance.bandwidth_radps": [4.0, 9.0, 6.2],
-        "collective_prediction_s": 0.03,
+        "disturbance.bandwidth_radps": [4.0, 9.0, 7.5],
+        "collective_prediction_s": 0.065,
         "disturbance.tilt_standing_s": 10.0,
     },
     "inner_loop": {"outer_period_ticks": 1},

@@ -72,9 +72,13 @@ class PositionAxes:
         blocks = [_tilted(flown, A, B, E, i, self.params.g) for i in range(2)]
         blocks.append(_lifted(actuation, E[2, 2]))
         heave = modelled_heave_damping_per_s(self.params)
-        modelled = [(self.lags_s[0], 0.0), (self.lags_s[1], 0.0), (0.0, heave)]
-        level = self.params.tilt_standing_s, 0.0
-        of_law = level, level, (0.0, self.params.collective_prediction_s)
+        modelled = [
+            (self.lags_s[0], 0.0),
+            (self.lags_s[1], 0.0),
+            (self.params.collective_lag_s, heave),
+        ]
+        level = self.params.tilt_standing_s, 0.0, True
+        of_law = level, level, (0.0, self.params.collective_prediction_s, False)
         errors = _POSITION_ERROR, _SPEED_ERROR
         return tuple(
             Axis(blocks[i], *modelled[i], gusts[i], *errors, self.period_ticks, *of_law[i])

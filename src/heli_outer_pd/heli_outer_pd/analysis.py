@@ -64,6 +64,8 @@ class Axis:
         `disturbance.tilt_standing_s` where the tilt is measured; 0: it is not used.
     prediction_s : float
         Over which the controller predicts the speed that it feeds back; not without an observer.
+    has_lead : bool
+        Whether the controller leads its command.
     gusts : sequence of Sampled
         Speeds of the air along the axis, m/s; independent.
     position_error, speed_error : Sampled
@@ -81,6 +83,7 @@ class Axis:
     period_ticks: int
     tilt_standing_s: float = 0.0
     prediction_s: float = 0.0
+    has_lead: bool = True
 
     @property
     def dt_s(self) -> float:
@@ -395,7 +398,7 @@ def _lifted(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
 # K_P, K_D, bandwidth of the observer, lead: what parameters allow, and where the search begins.
 _BOUNDS = (20.0, 20.0, 15.0, 1.0)
 _STARTS_LED = ((0.43, 1.1, 0.3, 0.3), (1.0, 2.2, 1.0, 0.3))
-_STARTS = ((3.0, 4.7, 1.6, 0.0), (6.2, 6.2, 3.0, 0.0))
+_STARTS = ((3.0, 4.7, 1.6, 0.0), (6.2, 6.2, 3.0, 0.0), (8.2, 15.0, 6.2, 0.0))
 
 
 class NoGainsError(ValueError):
@@ -453,7 +456,7 @@ def best_gains(
     damping: float,
     lead_filter_s: float,
 ) -> tuple[float, ...]:
-    """K_P, K_D, the observer's bandwidth and the lead (0 without a modelled lag) of an axis.
+    """K_P, K_D, the observer's bandwidth and the lead (0 where there is none) of an axis.
 
     Parameters
     ----------
@@ -475,8 +478,7 @@ def best_gains(
             return np.inf
         return cost(gains_at(values, damping, lead_filter_s), axis, others, wanted)
 
-    led = axis.modelled_lag_s > 0.0
-    optima = [search(start, price) for start in (_STARTS_LED if led else _STARTS)]
+    optima = [search(start, price) for start in (_STARTS_LED if axis.has_lead else _STARTS)]
     best = min(optima, key=price)
     if not np.isfinite(price(best)):
         floors = f"{wanted.disk_margin:g} (others {wanted.disk_margin_of_others:g})"

@@ -182,6 +182,10 @@ def _decide(swings, brisk, hangs, calm, k, state):
 # Disturbance.
 # -------------------------------------------------------------------------------------------------
 
+_CALM_SHARE = 0.68
+"""Of the vertical observer's bandwidth where the navigation is late: links that delay it lose
+commands, too, and what was commanded and not flown must not be found as disturbance so fast."""
+
 
 @njit
 def to_heading(v, c, s, out):
@@ -228,6 +232,13 @@ def kept(dt_s, lag_s):
 
 
 @njit
+def thrust_acceleration(d_col, v_down, lift, k):
+    """Acceleration down, m/s2, that a collective explains at a speed down, m/s; lift: share up."""
+    thrust = thrust_for_collective(d_col, v_down, trim_thrust(k), k.trim[SETPOINT.col], k.rotor)
+    return k.g - thrust * lift / k.mass
+
+
+@njit
 def modelled_acceleration(phi, theta, v_down, k, state, out):
     """Acceleration (3,) m/s2, heading frame, that the controller's model expects.
 
@@ -236,7 +247,8 @@ def modelled_acceleration(phi, theta, v_down, k, state, out):
     Practice 73, 2018, sec. 3). What the attitude loop leaves standing of its command for longer
     than `tilt_standing_s` counts as disturbance and is trimmed out with it; 0 s: all that it is off
     by, and the model is the commanded tilt behind the attitude loop's lag. Vertically the thrust of
-    the last collective at the present speed, so that the rotor's own damping is no disturbance.
+    the commanded collective behind its lag, at the present speed, so that neither what is on its
+    way nor the rotor's own damping is a disturbance.
     """
     commanded, lagged, last = scratch(2), state.x[MEMORY.lagged], state.x[MEMORY.command]
     stands = state.x[MEMORY.stands]
@@ -248,9 +260,8 @@ def modelled_acceleration(phi, theta, v_down, k, state, out):
         lagged[i] = keep * lagged[i] + (1.0 - keep) * commanded[i]
         stands[i] = stay * stands[i] + (1.0 - stay) * (lagged[i] - out[i])
         out[i] = lagged[i] if stay == 0.0 else out[i] + stands[i]
-    d_col, d_col_trim = last[SETPOINT.col], k.trim[SETPOINT.col]
-    thrust = thrust_for_collective(d_col, v_down, trim_thrust(k), d_col_trim, k.rotor)
-    out[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
+    lift = math.cos(phi) * math.cos(theta)
+    out[2] = thrust_acceleration(state.x[MEMORY.col_behind], v_down, lift, k)
 
 
 @njit
@@ -284,6 +295,8 @@ def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
         l1, l2 = k.observer_l1[i], k.observer_l2[i]
         if i < 2:
             l1, l2 = damping_share(state) * l1, gain_share(state) * l2
+        elif state.x[MEMORY.late] > _LATE:
+            l1, l2 = _CALM_SHARE * l1, _CALM_SHARE * _CALM_SHARE * l2
         v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + l1 * innovation)
         d_h[i] = clip(d_h[i] + k.dt_s * l2 * innovation, k.disturbance_limit[i])
     to_ned(v_hat, c, s, state.x[MEMORY.vel])
@@ -330,6 +343,15 @@ def sinking_share(d_col, down_mps, k):
 
 
 @njit
+def _lag_collective(k, state):
+    """One step of the collective as it acts: the last command behind its lag."""
+    last, keep = state.x[MEMORY.command][SETPOINT.col], kept(k.dt_s, k.collective_lag_s)
+    if state.x[MEMORY.engaged] < 0.5:
+        keep = 0.0
+    state.x[MEMORY.col_behind] = keep * state.x[MEMORY.col_behind] + (1.0 - keep) * last
+
+
+@njit
 def estimate(nav, phi, theta, c, s, k, state, d_h):
     """One step of what is known of the disturbance, into d_h (3,), m/s2, heading frame.
 
@@ -337,6 +359,7 @@ def estimate(nav, phi, theta, c, s, k, state, d_h):
     """
     vel_h, a_h = scratch(3), scratch(3)
     to_heading(nav[NAV.vel], c, s, vel_h)
+    _lag_collective(k, state)
     ground = state.machine[MACHINE.guidance]
     if ground == LEAVES or ground == LOW_BY_HAND:
         leave(nav[NAV.vel], nav[NAV.down_vel], phi, theta, k, state)
@@ -350,13 +373,12 @@ def estimate(nav, phi, theta, c, s, k, state, d_h):
 
 @njit
 def flown_acceleration_ned(nav, k, state, out):
-    """Acceleration (3,) m/s2, NED, of what is flown: by attitude, last collective and estimate."""
+    """Acceleration (3,) m/s2, NED, of what is flown: by attitude, collective and estimate."""
     phi, theta, psi = euler_from_quat(nav[NAV.quat])
     a_h = scratch(3)
     flown_acceleration(phi, theta, k, a_h)
-    d_col, d_col_trim = state.x[MEMORY.command][SETPOINT.col], k.trim[SETPOINT.col]
-    thrust = thrust_for_collective(d_col, nav[NAV.down_vel], trim_thrust(k), d_col_trim, k.rotor)
-    a_h[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
+    lift = math.cos(phi) * math.cos(theta)
+    a_h[2] = thrust_acceleration(state.x[MEMORY.col_behind], nav[NAV.down_vel], lift, k)
     to_ned(a_h, math.cos(psi), math.sin(psi), out)
     disturbance = state.x[MEMORY.disturbance]
     for i in range(3):

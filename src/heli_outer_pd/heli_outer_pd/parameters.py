@@ -331,6 +331,7 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
         mass=p["mass"],
         g=p["gravity"],
         thrust_limits=np.asarray(p["thrust_limits"], float),
+        collective_lag_s=p["collective_lag_s"],
         collective_prediction_s=p["collective_prediction_s"],
         collective_floor=collective_floor,
         trim=trim,

@@ -36,6 +36,7 @@ from heli_outer_pd.disturbance import (
     gain_share,
     hover_share,
     limit_acceleration,
+    thrust_acceleration,
     to_heading,
     to_ned,
     trim_thrust,
@@ -81,7 +82,6 @@ from heli_outer_pd.state import (
     blade_pitch,
     collective_for_thrust,
     initial_state,
-    thrust_for_collective,
 )
 
 # -------------------------------------------------------------------------------------------------
@@ -266,9 +266,8 @@ def _error_ahead_mps(nav, wanted_mps2, d_down, lift, k, state):
     known = k.wind_compensation > 0.5 and state.machine[MACHINE.altitude] == ALTITUDE_VALID
     if not (flies and known):
         return 0.0
-    d_col, d_col_trim = state.x[MEMORY.command][SETPOINT.col], k.trim[SETPOINT.col]
-    thrust = thrust_for_collective(d_col, nav[NAV.down_vel], trim_thrust(k), d_col_trim, k.rotor)
-    flown_mps2 = k.g - thrust * lift / k.mass + d_down
+    d_col = state.x[MEMORY.col_behind]
+    flown_mps2 = thrust_acceleration(d_col, nav[NAV.down_vel], lift, k) + d_down
     return k.collective_prediction_s * (wanted_mps2 - flown_mps2)
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_core.jit import by_reference, njit
+from heli_core.rows import SETPOINT
 from heli_core.signals import SweepParams
 
 # -------------------------------------------------------------------------------------------------
@@ -161,7 +162,8 @@ class OuterStateRow(NamedTuple):
     stands: slice = slice(87, 89)  # what the attitude loop leaves standing, forward, right, m/s2
     led_reference: slice = slice(89, 92)  # acceleration of the reference behind the same filter
     unforeseen: int = 92  # 1.0: a reference is followed that is not known ahead
-    size: int = 93
+    col_behind: int = 93  # commanded collective behind its lag
+    size: int = 94
 
 
 MEMORY = OuterStateRow()
@@ -201,7 +203,7 @@ ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
 class OuterState(NamedTuple):
     """State of the controller, changed in place."""
 
-    x: np.ndarray  # (93,) places of `MEMORY`
+    x: np.ndarray  # (94,) places of `MEMORY`
     machine: np.ndarray  # (5,) int64, places of `MACHINE`
 
     def copy(self) -> "OuterState":
@@ -247,6 +249,7 @@ class OuterParams(NamedTuple):
     mass: float  # kg
     g: float  # m/s2
     thrust_limits: np.ndarray  # (2,) fractions of m g
+    collective_lag_s: float  # s, of thrust behind the commanded collective
     collective_prediction_s: float  # s, the speed down is predicted so far
     collective_floor: float  # at which the blades have their least pitch
     trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
@@ -278,5 +281,6 @@ def initial_state(k: OuterParams) -> OuterState:
     """State of a controller that is not engaged yet; its last command is the trim."""
     state = OuterState(np.zeros(MEMORY.size), np.zeros(MACHINE.size, np.int64))
     state.x[MEMORY.command] = k.trim
+    state.x[MEMORY.col_behind] = k.trim[SETPOINT.col]
     state.x[MEMORY.rotor_s], state.x[MEMORY.rotor_known] = -1.0, 1.0
     return state

@@ -9,7 +9,7 @@ from heli_core.rows import NAV, SETPOINT
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Phase, parameters, position_law
-from heli_outer_pd.disturbance import trim_thrust
+from heli_outer_pd.disturbance import kept, trim_thrust
 from heli_outer_pd.failsafes import Action
 from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.node import OuterLoopNode
@@ -32,7 +32,7 @@ SURE, UNSURE = 0.03, 0.3
 class Heave:
     """An aircraft that only climbs and sinks, 10 m up; the ground holds it at height 0.
 
-    Its rotor gives `strength` of its map; the navigation's velocity is off by `drift` times the
+    Its thrust follows the collective behind the lag that the controller knows of. Its rotor gives `strength` of its map; the navigation's velocity is off by `drift` times the
     time since it knew it.
     """
 
@@ -47,6 +47,7 @@ class Heave:
         self.nav[NAV.quat] = quat_from_euler(*self.k.trim[: SETPOINT.psi], 0.0)
         self.strength, self.drift, self.error = strength, drift_mps2, np.zeros(2)
         self.down, self.speed, self.touched = -10.0, 0.0, None
+        self.col = self.out[SETPOINT.col]
 
     def step(self, sigma):
         self.nav[NAV.sigma_vel] = 0.02, 0.02, sigma
@@ -61,8 +62,11 @@ class Heave:
                       self.state, self.out) == 0  # fmt: skip
         self.phases.after(self.now_ns, self.nav, self.out)
         self.now_ns += STEP_NS
+        self.col += (1.0 - kept(self.k.dt_s, self.k.collective_lag_s)) * (
+            self.out[SETPOINT.col] - self.col
+        )
         thrust = self.strength * thrust_for_collective(
-            self.out[SETPOINT.col], self.speed, trim_thrust(self.k), self.k.trim[SETPOINT.col],
+            self.col, self.speed, trim_thrust(self.k), self.k.trim[SETPOINT.col],
             self.k.rotor,
         )  # fmt: skip
         self.speed += self.k.dt_s * (self.k.g - thrust * np.cos(self.k.trim[0]) / self.k.mass)

@@ -411,7 +411,7 @@ def test_what_the_reference_wants_is_led_by_the_lag_and_not_by_the_lead():
         ref = np.r_[nav[:6], acceleration, 0.0]
         position_law.position_law(nav, ref, k, state, out)
     led = acceleration * (1.0 + k.reference_lead / k.lead_filter_s)
-    assert k.reference_lead == pytest.approx([*k.attitude_lag, 0.05])
+    assert k.reference_lead == pytest.approx([*k.attitude_lag, k.collective_lag_s])
     assert k.trim[1] - out[1] == pytest.approx(math.atan(led[0] / k.g))
     assert out[0] - k.trim[0] == pytest.approx(math.atan(led[1] / k.g))
     assert thrust_of(k, out[3]) == pytest.approx(thrust_of(k, k.trim[3]) * (1 - led[2] / k.g))

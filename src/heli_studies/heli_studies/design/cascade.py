@@ -243,7 +243,7 @@ def cascade_aircraft(
     model = Model(*attitude, *nothing, np.zeros((_N_U, N_X)), np.zeros((_N_U, _N_U)))
     loop = output_loop(model, pid_as_output_law(*gains.reshape(3, _N_U)), actuation)
     around = position_axes(plant, outer, loop, model)
-    lags_s = (*around.params.attitude_lag, 0.0)
+    lags_s = (*around.params.attitude_lag, around.params.collective_lag_s)
     axes = tuple(
         replace(axis, modelled_lag_s=float(lag_s))
         for axis, lag_s in zip(
