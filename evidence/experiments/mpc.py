@@ -53,7 +53,7 @@ DEFAULT, SEARCHED, MPC, AHEAD = "default", "default, searched gains", "MPC", "MP
 GAINS = {
     "K_P": [1.6, 1.3, 7.5],
     "K_D": [3.6, 2.7, 15.0],
-    "disturbance.bandwidth_radps": [0.75, 2.7, 5.1],
+    "disturbance.bandwidth_radps": [0.75, 2.7, 7.5],
     "attitude_lead.lead_s": [0.27, 0.3],
 }
 """What the packaged controller's search finds (`./heli design --search`); the default's gains of
@@ -517,7 +517,7 @@ def mpc_weights(results: Results) -> str:
         f"{grid(head, body)}\n\nLinear, where no limit acts, about the trim in the mean wind of "
         "`honest`; default / MPC. Others: commands a tick later, that and servos 30 % slower, 30 % "
         "more and less acceleration per command. The floors of the search are 0.6 and 0.4, down "
-        "0.43."
+        "0.45."
     )
 
 

@@ -32,8 +32,9 @@ SURE, UNSURE = 0.03, 0.3
 class Heave:
     """An aircraft that only climbs and sinks, 10 m up; the ground holds it at height 0.
 
-    Its thrust follows the collective behind the lag that the controller knows of. Its rotor gives `strength` of its map; the navigation's velocity is off by `drift` times the
-    time since it knew it.
+    Its thrust follows the collective behind the lag that the controller knows of. Its rotor gives
+    `strength` of its map; the navigation's velocity is off by `drift` times the time since it knew
+    it.
     """
 
     def __init__(self, strength=1.0, drift_mps2=0.0):
