@@ -11,8 +11,8 @@ from heli_core.parameters import load
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import SETPOINT
 from heli_core.trajectory import Trajectory, reference_at
-from heli_outer_pd import parameters as config
 from heli_outer_pd import disturbance, position_law, reference
+from heli_outer_pd import parameters as config
 from heli_outer_pd import state as thrust_map
 from heli_outer_pd.guidance.paths import FlightPath
 from heli_outer_pd.guidance.transfer import MotionLimits

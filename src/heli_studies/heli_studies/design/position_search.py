@@ -294,9 +294,10 @@ WANTED = tuple(
     )
 )
 """A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
-from the doubt of mass, thrust and delay, down more for late links; tilt that shakes by a sixth of
-the paper's 1.7 deg, thrust by a hundredth of the weight."""
+from the doubt of mass, thrust and delay, down more, as its controller predicts; tilt that shakes by
+a sixth of the paper's 1.7 deg, thrust by a sixtieth of the weight."""
 _AT_ONCE_RADPS = 500.0
+"""Of servos that act at once."""
 _DOUBT = 0.3
 """Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
 _BANKED = ((8.0, 0.3), (10.0, 0.2))
