@@ -77,13 +77,14 @@ class PositionAxes:
             (self.lags_s[1], 0.0),
             (self.params.collective_lag_s, heave),
         ]
-        level = self.params.tilt_standing_s, 0.0, True
-        of_law = level, level, (0.0, self.params.collective_prediction_s, False)
+        level = self.params.tilt_standing_s, 0.0
+        of_law = level, level, (0.0, self.params.collective_prediction_s)
         errors = _POSITION_ERROR, _SPEED_ERROR
-        return tuple(
+        axes = tuple(
             Axis(blocks[i], *modelled[i], gusts[i], *errors, self.period_ticks, *of_law[i])
             for i in range(len(of_law))
         )
+        return (*axes[:2], replace(axes[2], has_lead=False))
 
 
 def position_axes(
