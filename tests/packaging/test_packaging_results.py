@@ -121,7 +121,7 @@ def test_what_the_readmes_say_of_the_laws_is_so():
 
     for file, source in (("laws", "truth"), ("laws_gusts", "truth"), ("laws_gusts", "ideal")):
         assert wins(file, source)[0] >= 16  # better in roll
-    assert max(wins("laws", "ideal")) <= 6  # the PID on most seeds
+    assert max(wins("laws", "ideal")) <= 8  # the PID on most seeds
     assert wins("laws_gusts", "ideal")[1] == 0  # the PID in pitch, on every seed
     assert 6 <= wins("laws_gusts", "truth")[1] <= 14  # on about half
     assert max(wins("laws_flap_back", "truth")) <= 2  # the PID in both
@@ -174,7 +174,7 @@ def test_what_is_said_of_the_laws_in_the_hover_is_so():
     rows = files.read(ROOT, "laws_hover")["found"]["rows"]
     honest = {row["law"]: row for row in rows if row["world"] == "honest"}
     for law in ("pid", "indi", "lqg"):
-        assert max(honest[law]["below_default"]) < 20
+        assert max(honest[law]["below_default"]) <= 12  # closer on at least seven of ten
         assert (
             honest["hinf_output"]["travel_per_s"]["d_lat"]
             > 2 * honest[law]["travel_per_s"]["d_lat"]
@@ -184,7 +184,7 @@ def test_what_is_said_of_the_laws_in_the_hover_is_so():
     for row in rows:
         if row["world"] != "hard" and row["law"] != "paper":
             assert row["inside"]["paper"] == 40
-    assert max(row["inside"]["paper"] for row in rows if row["world"] == "hard") <= 4
+    assert max(row["inside"]["paper"] for row in rows if row["world"] == "hard") <= 6
 
 
 DEARER = "angles three times as dear", "commands four times as dear"
