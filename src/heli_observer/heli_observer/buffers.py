@@ -3,9 +3,11 @@
 
 import math
 
-from heli_core.jit import copy_part, fill, fill_matrix, njit, scratch
+from heli_core.jit import copy_part, fill, fill_matrix, njit, scratch, scratch_matrix
+from heli_core.rotations import fill_from_rotvec, fill_product, fill_R_nb
 from heli_core.rows import IMU, MEAS
 from heli_observer import layout as L
+from heli_observer.ekf import leave_arm
 
 # -------------------------------------------------------------------------------------------------
 # Buffers.
@@ -445,16 +447,103 @@ def hear_imu(state, tick, stamp, sample, k, y):
 
 
 @njit
-def hear_fix(tick, k, y):
+def _turn(quat, rotvec):
+    """Turn a quaternion (4,) body -> NED by a rotation vector (3,), body, in place."""
+    turn, turned = scratch(4), scratch(4)
+    fill_from_rotvec(rotvec, turn)
+    fill_product(quat, turn, turned)
+    copy_part(quat, 0, turned, 0, 4)
+
+
+@njit
+def _motion_since(state, horizon, stamp, k, quat, dv, dp):
+    """What the filter integrated from an earlier tick to its horizon, which it has yet to reach.
+
+    quat (4,): out, of the earlier tick; dv, dp (3,): out, NED, change of the velocity, and of the
+    position beyond that of a steady velocity.
+    """
+    x, window, dt_s = state.nominal, state.window.imu, k.dt_s
+    R, back = scratch_matrix(3, 3), scratch(3)
+    copy_part(quat, 0, x, L.NOMINAL.quat, 4)
+    fill(dv, 0.0)
+    fill(dp, 0.0)
+    for t in range(horizon - 1, stamp - 1, -1):
+        sample, before = window[t % window.shape[0]], window[(t - 1) % window.shape[0]]
+        fill_R_nb(quat, R)
+        # Each sample stands for half a tick on either side, the last one up to the horizon.
+        weight_s = dt_s * ((0.5 if t > stamp else 0.0) + (1.0 if t == horizon - 1 else 0.5))
+        for i in range(3):
+            a = k.gravity_mps2 if i == 2 else 0.0
+            for j in range(3):
+                a += R[i, j] * (sample[j] - x[L.NOMINAL.accel_bias + j])
+            dv[i] += weight_s * a
+            dp[i] += weight_s * a * dt_s * (horizon - t)
+        if t > stamp:
+            for i in range(3):
+                at = IMU.rate.start + i
+                mean = 0.5 * (sample[at] + before[at])
+                back[i] = dt_s * (x[L.NOMINAL.gyro_bias + i] - mean)
+            _turn(quat, back)
+
+
+@njit
+def _leave_antenna(state, quat, stamp, k, pos, vel):
+    """Bring a fix of a tick, in place, from the antenna to the IMU; quat: of that tick."""
+    window, rate = state.window.imu, scratch(3)
+    for i in range(3):
+        rate[i] = window[stamp % window.shape[0], IMU.rate.start + i]
+        rate[i] -= state.nominal[L.NOMINAL.gyro_bias + i]
+    leave_arm(quat, rate, k.antenna_m, pos, vel)
+
+
+@njit
+def _return_to_antenna(state, horizon, k, pos, vel):
+    """Bring it back, in place, at the horizon, where every fix is expected at the antenna.
+
+    The turn up to the horizon is that of the tick before, and goes on changing as it did.
+    """
+    x, window = state.nominal, state.window.imu
+    last, before = window[(horizon - 1) % window.shape[0]], window[(horizon - 2) % window.shape[0]]
+    quat, rotvec, rate, arm_m = scratch(4), scratch(3), scratch(3), scratch(3)
+    copy_part(quat, 0, x, L.NOMINAL.quat, 4)
+    for i in range(3):
+        at = IMU.rate.start + i
+        change, bias = last[at] - before[at], x[L.NOMINAL.gyro_bias + i]
+        rotvec[i] = k.dt_s * (last[at] + 0.5 * change - bias)
+        rate[i] = last[at] + change - bias
+        arm_m[i] = -k.antenna_m[i]
+    _turn(quat, rotvec)
+    leave_arm(quat, rate, arm_m, pos, vel)
+
+
+@njit
+def hear_fix(state, tick, k, y):
     """Bring a fix of a measurement row y that came too late for the filter to its horizon.
 
-    By its own velocity, over `LATE_S` at most; one that has none stays too late.
+    By its own velocity and by what the inertial sensors have said since, over `LATE_S` at most: an
+    aircraft that swings changes its velocity in that time by more than a receiver errs. A fix that
+    has no velocity stays too late.
     """
-    horizon = tick - k.horizon_ticks
+    horizon, count = tick - k.horizon_ticks, state.count
     late = horizon - y[MEAS.gps_tick]
-    if y[MEAS.gps_valid] > 0.5 and 0.0 < late <= LATE_S / k.ekf.dt_s:
-        pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
-        if math.isfinite(vel[0] + vel[1] + vel[2]):
-            for i in range(pos.shape[0]):
-                pos[i] += late * k.ekf.dt_s * vel[i]
-            y[MEAS.gps_tick] = float(horizon)
+    pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
+    if not (y[MEAS.gps_valid] > 0.5 and 0.0 < late <= LATE_S / k.ekf.dt_s):
+        return
+    if not math.isfinite(vel[0] + vel[1] + vel[2]):
+        return
+    stamp, late_s = int(y[MEAS.gps_tick]), late * k.ekf.dt_s
+    quat, dv, dp = scratch(4), scratch(3), scratch(3)
+    # Only of a filter that runs without a gap is its own motion since then at hand.
+    known = count[L.COUNT.aligned] == 1 and stamp > count[L.COUNT.begun]
+    known = known and count[L.COUNT.tick] == tick - 1
+    if known:
+        _motion_since(state, horizon, stamp, k.ekf, quat, dv, dp)
+        _leave_antenna(state, quat, stamp, k.ekf, pos, vel)
+    for i in range(3):
+        pos[i] += late_s * vel[i]
+        if known:
+            pos[i] += dp[i]
+            vel[i] += dv[i]
+    if known:
+        _return_to_antenna(state, horizon, k.ekf, pos, vel)
+    y[MEAS.gps_tick] = float(horizon)

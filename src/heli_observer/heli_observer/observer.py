@@ -677,7 +677,7 @@ def _measurements(state, inbox, tick, k, y):
         else:
             fill(y[MEAS.gps_vel], math.nan)
         if stamps[_FIX] < tick - k.horizon_ticks:
-            hear_fix(tick, k, y)
+            hear_fix(state, tick, k, y)
 
 
 @njit

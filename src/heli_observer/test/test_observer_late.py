@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from heli_core.rows import IMU, MEAS, NAV
+from heli_core.ticks import TICK_S
 from heli_observer import layout as L
 from heli_observer.buffers import BRIDGED, hear_fix, hear_imu, interpolate_gap
-from support.synthetic_sensors import hover_path, synthesize
+from support.synthetic_sensors import Path, fade_in, hover_path, rotation_matrices, synthesize
 
 BEGIN = 300
 
@@ -109,15 +110,17 @@ def test_longer_gaps_and_what_was_measured_stay_as_they_are():
     assert not interpolate_gap(imu, 27, 29, 0.01, P)
 
 
-def test_a_fix_that_is_too_late_is_brought_to_the_horizon_by_its_velocity(parameters, run_observer):
-    k, y = run_observer(parameters).params, np.zeros(MEAS.sensed)
+def test_before_anything_is_known_a_late_fix_is_brought_to_the_horizon_by_its_velocity(
+    parameters, run_observer
+):
+    run, y = run_observer(parameters), np.zeros(MEAS.sensed)
     tick, late = 500, 7
-    horizon = tick - k.horizon_ticks
+    horizon = tick - run.params.horizon_ticks
 
     def fix(by, velocity):
         y[MEAS.gps_pos], y[MEAS.gps_vel] = [10.0, 20.0, -10.0], velocity
         y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, horizon - by
-        hear_fix(tick, k, y)
+        hear_fix(run.state, tick, run.params, y)
         return y[MEAS.gps_tick], y[MEAS.gps_pos].copy()
 
     stamp, pos = fix(late, [3.0, -2.0, 1.0])
@@ -126,3 +129,55 @@ def test_a_fix_that_is_too_late_is_brought_to_the_horizon_by_its_velocity(parame
     assert fix(0, [3.0, 0.0, 0.0])[1][0] == 10.0
     assert fix(late, [np.nan, 0.0, 0.0])[0] == horizon - late
     assert fix(21, [3.0, 0.0, 0.0])[0] == horizon - 21
+
+
+def swinging_path():
+    """3.2 m/s2 forth and back and 17 deg of roll at 1.3 Hz: a velocity changes by 0.4 m/s in 0.13 s
+    and an antenna 0.3 m away moves by 0.7 m/s."""
+
+    def swing(t):
+        return fade_in(t, 4.0) * np.sin(8.0 * t)
+
+    def position(t):
+        return np.column_stack([0.05 * swing(t), 0.03 * swing(t), -10.0 + 0.0 * t])
+
+    def euler(t):
+        return np.column_stack([0.3 * swing(t), 0.1 * swing(t), 0.5 + 0.0 * t])
+
+    return Path(position, euler)
+
+
+@pytest.mark.parametrize("arm_m", [[0.0, 0.0, 0.0], [-0.3, 0.02, -0.2]])
+@pytest.mark.parametrize("late", [1, 6, 13])
+def test_a_late_fix_is_brought_to_the_horizon_by_what_was_measured_since(
+    late, arm_m, parameters, run_observer
+):
+    parameters["ekf.gps.lever_arm_m"] = arm_m
+    path = swinging_path()
+    flight = synthesize(path, parameters, 8.0, seed=0, noise=0.0)
+    R = rotation_matrices(path.euler(np.arange(len(flight.pos)) * TICK_S))
+    around = np.cross(flight.rate, arm_m)
+    pos = flight.pos + R @ np.array(arm_m)
+    vel = flight.vel + np.einsum("nij,nj->ni", R, around)
+    run, off_m, off_mps, moved_mps = run_observer(parameters), [], [], []
+    y = np.zeros(MEAS.sensed)
+    for tick, row in enumerate(flight.y):
+        horizon = tick - run.params.horizon_ticks
+        if tick > 600:
+            y[MEAS.gps_pos], y[MEAS.gps_vel] = pos[horizon - late], vel[horizon - late]
+            y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, horizon - late
+            hear_fix(run.state, tick, run.params, y)
+            assert y[MEAS.gps_tick] == horizon
+            off_m.append(y[MEAS.gps_pos] - pos[horizon])
+            off_mps.append(y[MEAS.gps_vel] - vel[horizon])
+            moved_mps.append(vel[horizon] - vel[horizon - late])
+        row = row.copy()
+        if row[MEAS.gps_valid] > 0.5:
+            stamp = int(row[MEAS.gps_tick])
+            row[MEAS.gps_pos] += pos[stamp] - flight.pos[stamp]
+            row[MEAS.gps_vel] += vel[stamp] - flight.vel[stamp]
+        run.step(tick, row)
+    # By its own velocity alone it would be off by what it has moved.
+    assert np.abs(off_m).max() < 5e-4
+    assert np.abs(off_mps).max() < 6e-3
+    assert np.abs(moved_mps).max() > 0.03 * late - 0.04
