@@ -27,8 +27,9 @@ from heli_outer_pd.state import MEMORY, OuterParams, OuterState
 # -------------------------------------------------------------------------------------------------
 
 _SHAPING_SAMPLES = 32
+_STEP_NS = round(STEP_S * NS_PER_S)
 _N_REFERENCE = REFERENCE.size
-_TURN_NS = 120_000_000  # three periods of the controller
+_TURN_NS = 120_000_000  # three points of a path
 _CATCH_UP = 10  # one second of a trajectory's late start is caught up in so many
 
 
@@ -79,11 +80,12 @@ def unforeseen_window_ns(values: Mapping[str, Any]) -> int:
     """Window over which the controller averages a reference of others, ns, from its parameters.
 
     Of one that is not known ahead (`reference_preview`) it is one step of the controller, which its
-    acceleration is the difference over: half a step lies ahead of now. What the loop plans itself
-    is known from the command on.
+    acceleration is the difference over, but no less than a path's points are apart: between them
+    its speed is constant, and a difference over less is 0 or a pulse. Half of it lies ahead of now.
+    What the loop plans itself is known from the command on.
     """
     window_ns = round(values["reference_shaping_s"] * NS_PER_S)
-    step_ns = values["period_ticks"] * TICK_NS
+    step_ns = max(values["period_ticks"] * TICK_NS, _STEP_NS)
     return window_ns if values["reference_preview"] else min(window_ns, step_ns)
 
 
@@ -95,7 +97,20 @@ def window_of(k, state):
 
 def foreseen_ns(window_ns: int) -> int:
     """From so much after now on `shaped_reference_at` does not look at the trajectory, ns."""
-    return max(window_ns // 2, 2 * _TURN_NS) + 1
+    return max(window_ns // 2 + _STEP_NS // 2, 2 * _TURN_NS) + 1
+
+
+@njit
+def _velocity_about(time_ns, times_ns, points, out):
+    """Mean velocity (3,), NED, m/s, over a stretch between a path's points, about a time.
+
+    A path's own is constant from point to point: of a faster controller it would be a staircase.
+    """
+    ahead, behind = scratch(_N_REFERENCE), scratch(_N_REFERENCE)
+    reference_at(time_ns + _STEP_NS // 2, times_ns, points, ahead)
+    reference_at(time_ns - _STEP_NS // 2, times_ns, points, behind)
+    for j in range(3):
+        out[j] = (ahead[j] - behind[j]) / (_STEP_NS * 1e-9)
 
 
 @njit
@@ -132,10 +147,12 @@ def shaped_reference_at(time_ns, window_ns, heading_lead_s, times_ns, points, ou
     pace = 1.0 + 1.0 / _CATCH_UP if late_ns > 0 and time_ns > 0 else 1.0
     end_ns = time_ns + window_ns // 2 - late_ns
     end, begin = scratch(_N_REFERENCE), scratch(_N_REFERENCE)
+    vel_end, vel_begin = scratch(3), scratch(3)
     reference_at(end_ns, times_ns, points, end)
     reference_at(end_ns - window_ns, times_ns, points, begin)
+    _velocity_about(end_ns, times_ns, points, vel_end)
+    _velocity_about(end_ns - window_ns, times_ns, points, vel_begin)
     pos_end, pos_begin = end[REFERENCE.pos], begin[REFERENCE.pos]
-    vel_end, vel_begin = end[REFERENCE.vel], begin[REFERENCE.vel]
     for j in range(3):
         vel[j] = pace * (pos_end[j] - pos_begin[j]) / window_s
         acc[j] = pace * pace * (vel_end[j] - vel_begin[j]) / window_s
@@ -157,7 +174,6 @@ def shaped_reference_at(time_ns, window_ns, heading_lead_s, times_ns, points, ou
 
 Array = NDArray[np.float64]
 
-_STEP_NS = round(STEP_S * NS_PER_S)
 GLIMPSE_NS = NS_PER_S
 """How far ahead a pilot's way is told."""
 

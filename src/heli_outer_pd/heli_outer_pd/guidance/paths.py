@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 Where = Callable[[float], tuple[Array, float]]
 
 STEP_S = 0.04
-"""Way points of a motion are so far apart: the position loop's period."""
+"""Way points of a motion are so far apart."""
+_SHORTEST_S = 1e-9
+"""A piece shorter than the stamps' unit is none."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +240,7 @@ class FlightPath:
         return self
 
     def _add(self, where: Where, duration_s: float, pos: Array, psi: float) -> None:
-        if duration_s > 0.0:
+        if duration_s >= _SHORTEST_S:
             self._pieces.append(_Piece(duration_s, where))
         self._motion, self._turning = Motion.at_rest(pos), Motion.at_rest(np.array([psi]))
 
