@@ -53,6 +53,15 @@ def remember_place(nav, state):
 
 
 @njit
+def _moved_m(nav, k, state):
+    """How far a fix has moved the navigation since the last step: beyond what it has flown."""
+    pos, vel = state.x[MEMORY.was_pos], state.x[MEMORY.was_vel]
+    north = nav[NAV.pos][0] - pos[0] - k.dt_s * vel[0]
+    east = nav[NAV.pos][1] - pos[1] - k.dt_s * vel[1]
+    return math.hypot(north, east)
+
+
+@njit
 def position_reset(nav, k, state):
     """Move the reference by what a fix has moved the navigation.
 
@@ -217,11 +226,17 @@ _HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
 _AGAIN, _DOUBT, _JUMPS = 0.5, 0.2, 0.1
 """Known again with so much of the limit; a position that is better known jumps by little in a
 landing, or anywhere."""
-_SETTLES_S = 2.0
-"""So long the fixes after a gap move it, each by less."""
-_FUSED = 0.94
+_SETTLES_S, _MOVED_M = 2.0, 0.01
+"""So long the fixes after a gap move it, each by less; no motion moves it by the second in a step.
+"""
+_FUSED, _LESS = 0.94, 0.985
 """Sigma falls to less than so much of it where a fix is fused, several times a second, and only
-there: how the aircraft shakes changes it by less."""
+there: how the aircraft shakes changes it by less. By less than that it falls where links are late;
+then the fix is told by what it moves, too."""
+_STRETCH_S = 0.07
+"""What sigma falls below is remembered for one to two times as long: so long a vibration lasts."""
+_GAP_S = 1.0
+"""Without a fix for so long is a gap: several come a second, and links may lose two in a row."""
 _GROWTH_S, _BEGINS_S = 0.5, 1.5
 """How fast sigma grows is averaged over the first; a landing takes the second to begin, and to be
 told by the ground that it is over."""
@@ -378,9 +393,13 @@ def _count(nav, sigma, last, along, k, state):
     lost = state.machine[MACHINE.position] == POSITION_LOST
     state.x[MEMORY.lost_s] += k.dt_s if lost and along else -state.x[MEMORY.lost_s]
     before = state.x[MEMORY.sigmas]
-    # A vibration makes sigma rise and fall again; a fix makes it fall.
+    # A vibration makes sigma rise and fall again; a fix makes it fall below what it was.
     fell = sigma < _FUSED * min(last, before[0], before[1])
-    before[1], before[0] = before[0], last
+    before[0] = min(before[0], last)
+    state.x[MEMORY.stretch_s] += k.dt_s
+    if state.x[MEMORY.stretch_s] > _STRETCH_S:
+        before[1], before[0], state.x[MEMORY.stretch_s] = before[0], last, 0.0
+    fell = fell or (sigma < _LESS * last and _moved_m(nav, k, state) > _MOVED_M)
     fused = not along or fell or sigma < _JUMPS * k.blind_sigma
     if fused:
         state.x[MEMORY.astray_m] = state.x[MEMORY.silent_s] = state.x[MEMORY.growth_mps2] = 0.0
@@ -412,12 +431,13 @@ def look(nav, k, state):
 
 
 @njit
-def _jumps(sigma, last, k, state):
-    """Whether a fix has come after a gap, or soon after such a one."""
+def _jumps(nav, sigma, last, silent_s, k, state):
+    """Whether a fix has come after a gap (no fix for silent_s), or soon after such a one."""
     state.x[MEMORY.settles_s] = max(state.x[MEMORY.settles_s] - k.dt_s, 0.0)
-    if last > _JUMPS * k.blind_sigma and sigma < _AGAIN * last:
+    fused = silent_s > _GAP_S and state.x[MEMORY.silent_s] == 0.0
+    if fused and last > _JUMPS * k.blind_sigma:
         state.x[MEMORY.settles_s] = _SETTLES_S
-    return state.x[MEMORY.settles_s] > 0.0 and sigma < last
+    return state.x[MEMORY.settles_s] > 0.0 and _moved_m(nav, k, state) > _MOVED_M
 
 
 @njit
@@ -435,17 +455,19 @@ def _look(nav, k, state):
     else:
         state.machine[MACHINE.altitude] = ALTITUDE_VALID
         fill(state.x[MEMORY.shift], 0.0)
+    silent_s = state.x[MEMORY.silent_s]
     _count(nav, sigma, last, along, k, state)
     if sigma > k.blind_sigma:
         state.machine[MACHINE.position] = POSITION_LOST
         if along and before == POSITION_VALID:
             state.x[MEMORY.takes_over] = 1.0
         return False
+    jumps = _jumps(nav, sigma, last, silent_s, k, state)
     again = before != POSITION_VALID and sigma < _AGAIN * k.blind_sigma
     # A landing that nearly lost it is as far off when the fixes come back.
     fell = last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
     again = again or (before == POSITION_VALID and fell and state.x[MEMORY.lands] > 0.5)
-    if along and before == POSITION_VALID and _jumps(sigma, last, k, state):
+    if along and before == POSITION_VALID and jumps:
         position_reset(nav, k, state)
         state.x[MEMORY.takes_over] = 1.0
     if not again or math.isnan(nav[NAV.down_vel]):

@@ -155,7 +155,8 @@ class OuterStateRow(NamedTuple):
     still_s: int = 79  # it does not sink any more for so long
     silent_s: int = 80  # no fix has been fused for so long
     growth_mps2: int = 81  # by which sigma of the horizontal velocity grows meanwhile
-    sigmas: slice = slice(82, 84)  # of the horizontal velocity two and three steps ago, m/s
+    # The least one over this stretch of time and over the one before, m/s
+    sigmas: slice = slice(82, 84)
     ground_known: int = 84  # 1.0: by where the flight began, not by the receiver alone
     ground_off_m: int = 85  # the reference was moved by so much to where it began, and the ground
     at_limit_s: int = 86  # the collective has commanded the least or most thrust for so long
@@ -163,7 +164,8 @@ class OuterStateRow(NamedTuple):
     led_reference: slice = slice(89, 92)  # acceleration of the reference behind the same filter
     unforeseen: int = 92  # 1.0: a reference is followed that is not known ahead
     col_behind: int = 93  # commanded collective behind its lag
-    size: int = 94
+    stretch_s: int = 94  # of `sigmas`
+    size: int = 95
 
 
 MEMORY = OuterStateRow()
