@@ -44,11 +44,11 @@ from heli_outer_pd.state import (
 # -------------------------------------------------------------------------------------------------
 
 _MEAN_S = 1.0
-_HANGS, _HALF, _HANGS_S = 0.6, 0.5, 2.0
-"""It hangs to one side if its mean has so much of its mean square, at half the limit, for so
-long."""
+_HANGS, _HALF, _HANGS_S, _FAR = 0.6, 0.5, 2.0, 2.0
+"""It hangs to one side if its mean has so much of its mean square, at half the limit, for so long;
+or at once if its mean is so many times the limit."""
 _TRIED_S, _LATE = 4.0, 0.3
-_END, _LATELY_S, _BRISK = 0.8, 3.0, 1.35
+_END, _LATELY_S, _BRISK = 0.8, 3.0, 1.75
 """A slow servo's first swing is slow and is found out before the second; where commands come late
 they come and go every 1.2 s: so often over the last seconds it is not a servo."""
 _CALM_S = 5.0
@@ -118,7 +118,7 @@ def watch_attitude(flown, psi, rate, k, state):
         state.x[MEMORY.off_square],
         state.x[MEMORY.lagged],
     )
-    swings, brisk, hangs, calm = False, False, False, True
+    swings, brisk, hangs, calm, far = False, False, False, True, False
     for i in range(2):
         off = math.atan((flown[i] - lagged[i]) / k.g)
         mean[i] += k.dt_s / _MEAN_S * (off - mean[i])
@@ -129,9 +129,11 @@ def watch_attitude(flown, psi, rate, k, state):
         beyond = square[i] > (_HALF * k.unfollowed[i]) ** 2
         hangs = hangs or (beyond and mean[i] ** 2 > _HANGS * square[i])
         calm = calm and not beyond
+        far = far or abs(mean[i]) > _FAR * k.unfollowed[i]
     off_rad = abs(wrap_pi(psi - state.x[MEMORY.command][SETPOINT.psi]))
     turned = off_rad > _TURNED_RAD or abs(rate[2]) > _TURNS_RADPS
-    _decide(swings and not turned, brisk, hangs or turned, calm, k, state)
+    stuck = ((swings and brisk) or far) and not turned
+    _decide(swings and not turned, stuck, hangs or turned, calm, k, state)
 
 
 @njit
@@ -155,7 +157,7 @@ def _begin(calm_wanted_s, soft, state):
 
 
 @njit
-def _decide(swings, brisk, hangs, calm, k, state):
+def _decide(swings, stuck, hangs, calm, k, state):
     """The next of FULL, SOFT, STUCK."""
     soft, wanted_s = state.machine[MACHINE.servo], state.x[MEMORY.calm_wanted_s]
     lands = state.x[MEMORY.lands] > 0.5
@@ -163,7 +165,7 @@ def _decide(swings, brisk, hangs, calm, k, state):
         # A landing is no place for another try; what small gains have calmed once is a slow servo.
         if (swings or lands) and wanted_s > 0.0:
             _begin(2.0 * wanted_s, SERVO_DEGRADED, state)
-        elif swings and brisk:
+        elif stuck:
             _begin(0.0, SERVO_STUCK, state)
         elif swings:
             _begin(_CALM_S, SERVO_DEGRADED, state)
@@ -259,7 +261,8 @@ def modelled_acceleration(phi, theta, v_down, k, state, out):
         keep = kept(k.dt_s, k.attitude_lag[i])
         lagged[i] = keep * lagged[i] + (1.0 - keep) * commanded[i]
         stands[i] = stay * stands[i] + (1.0 - stay) * (lagged[i] - out[i])
-        out[i] = lagged[i] if stay == 0.0 else out[i] + stands[i]
+        soft = state.machine[MACHINE.servo] == SERVO_DEGRADED
+        out[i] = lagged[i] if soft or stay == 0.0 else out[i] + stands[i]
     lift = math.cos(phi) * math.cos(theta)
     out[2] = thrust_acceleration(state.x[MEMORY.col_behind], v_down, lift, k)
 
