@@ -35,7 +35,7 @@ except ImportError as error:
         "./heli python -m pip install osqp"
     ) from error
 
-DT_S = 0.04  # the controller is called so often
+DT_S = 0.04  # it plans so often; called more often, it holds its command
 HORIZON = 50  # steps
 TILT_RATE = math.radians(120.0)  # of the commanded tilt, rad/s
 THRUST_RATE = 3.0  # of the commanded thrust, weights per second
@@ -241,6 +241,7 @@ class MpcPosition:
         g = self.k.g
         rates = g * TILT_RATE, g * TILT_RATE, g * THRUST_RATE
         self.axes = [AxisMpc(*of) for of in zip(models, weights, rates, strict=True)]
+        self.planned_s, self.held = -math.inf, None
 
     def reset(self, x, r, u):
         """Before the first step, and when the controller begins again: what is flown stands."""
@@ -252,6 +253,7 @@ class MpcPosition:
         ):
             axis.begin(command, speed)
         self.psi, self.acceleration = psi, r[heli.SHAPED.acc]
+        self.planned_s = -math.inf
 
     def ahead(self, r, t):
         """The reference's acceleration over the horizon (HORIZON, 3), NED, m/s2."""
@@ -263,10 +265,16 @@ class MpcPosition:
         return np.exp(-AHEAD_S / ACCELERATION_S)[:, None] * grown
 
     def step(self, x, r, t):
-        """Every 40 ms: navigation x (31,), reference r (10,), time t, s.
+        """Navigation x (31,), reference r (10,), time t, s, to phi, theta, psi, rad, collective.
 
-        Gives phi, theta, psi, rad, and the collective.
+        Called more often than every `DT_S` it holds what it planned last.
         """
+        if t - self.planned_s > 0.75 * DT_S:
+            self.planned_s, self.held = t, self.plan(x, r, t)
+        return self.held
+
+    def plan(self, x, r, t):
+        """The command of now, as of `step`."""
         k, g, trim = self.k, self.k.g, self.k.trim
         phi, theta, psi = euler_from_quat(x[heli.NAV.quat])
         # Wind stays where it is while the nose turns.

@@ -33,6 +33,7 @@ from heli_core.metrics import PATH, hover_errors
 from heli_core.python_controller import PythonLaw
 from heli_core.rows import REFERENCE, SETPOINT, SHAPED
 from heli_core.search import search
+from heli_core.ticks import TICK_S
 from heli_flight.layers import NODES
 from heli_flight.loop import LoopFlight, fly_settings, simulate
 from heli_flight.position_axes import NAMES
@@ -45,16 +46,17 @@ from heli_outer_pd.analysis import Axis, Gains, Sampled, disk_margin, law
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.position_law import initial_state, position_law
 from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.state import OuterParams
 from heli_studies.compare import loop_as_flown
 from heli_studies.design.position_search import WANTED, PositionLoop, position_loop
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mpc_position.py"
 DEFAULT, SEARCHED, MPC, AHEAD = "default", "default, searched gains", "MPC", "MPC, path known"
 GAINS = {
-    "K_P": [1.6, 1.3, 7.5],
-    "K_D": [3.6, 2.7, 15.0],
-    "disturbance.bandwidth_radps": [0.75, 2.7, 7.5],
-    "attitude_lead.lead_s": [0.27, 0.3],
+    "K_P": [2.4, 2.7, 12.0],
+    "K_D": [4.7, 5.1, 24.0],
+    "disturbance.bandwidth_radps": [0.68, 3.6, 9.1],
+    "attitude_lead.lead_s": [0.3, 0.2],
 }
 """What the packaged controller's search finds (`./heli design --search`); the default's gains of
 forward and right are set by hand."""
@@ -138,15 +140,28 @@ def price(around: PositionLoop, i: int, k: Sampled) -> float:
     return total / (1 + len(around.others[i]))
 
 
-def searched() -> list[dict[str, Any]]:
-    """Weights of each axis, what they cost and keep, and the same of the packaged gains."""
-    nodes = resolve("hover", "rtk", world="honest").nodes
+def loop_around(period_ticks: int | None) -> tuple[PositionLoop, OuterParams]:
+    """The axes in `honest` at a controller's period, None: as packaged, and the packaged gains."""
+    periods: dict[str, dict[str, Any]] = {
+        "outer_loop": {"period_ticks": period_ticks, "collective_prediction_s": 0.0},
+        "inner_loop": {"outer_period_ticks": period_ticks},
+    }
+    nodes = resolve(
+        "hover", "rtk", world="honest", overrides=periods if period_ticks else None
+    ).nodes
     config = AttitudeConfig.from_parameters(nodes["inner_loop"])
     attitude = loop_as_flown(nodes)
     assert attitude is not None  # of the packaged controllers it is known
     parts = nodes["plant"], nodes["outer_loop"], attitude, model_of(config), config.actuation
-    around, packaged, found = position_loop(*parts), outer_params(nodes["outer_loop"]), []
-    for i, axis in enumerate(around.axes):
+    return position_loop(*parts), outer_params(nodes["outer_loop"])
+
+
+def searched() -> list[dict[str, Any]]:
+    """Weights of each axis, what they cost and keep, and the same of the packaged gains."""
+    as_packaged, packaged = loop_around(None)
+    around, _ = loop_around(round(example().DT_S / TICK_S))
+    found = []
+    for i, axis in enumerate(as_packaged.axes):
 
         def made(values: Sequence[float], i: int = i) -> Sampled:
             of = example().MODELS[i], example().Weights(*values)
@@ -157,11 +172,14 @@ def searched() -> list[dict[str, Any]]:
 
         best = min((search(start, cost) for start in STARTS[i]), key=cost)
         row: dict[str, Any] = {"axis": NAMES[i], "weights": list(best)}
-        for name, k in ((MPC, made(best)), (DEFAULT, law(Gains.of(packaged, i), axis))):
+        for name, loop, k in (
+            (MPC, around, made(best)),
+            (DEFAULT, as_packaged, law(Gains.of(packaged, i), axis)),
+        ):
             row[name] = {
-                "cost": price(around, i, k),
-                "as_modelled": judged(axis, k)[0],
-                "least_of_others": min(judged(one, k)[0] for one in around.others[i]),
+                "cost": price(loop, i, k),
+                "as_modelled": judged(loop.axes[i], k)[0],
+                "least_of_others": min(judged(one, k)[0] for one in loop.others[i]),
             }
         found.append(row)
     return found
@@ -370,7 +388,7 @@ def cpu() -> dict[str, float]:
     settings = settings_of(scenario, MPC, 1, over_={"scenario": path})
     mpc = example().MpcPosition()
     steps, programs = list[tuple[float, Any]](), list[tuple[float, Any]]()
-    with timed(mpc, "step", steps), timed(example().Qp, "solve", programs):
+    with timed(mpc, "plan", steps), timed(example().Qp, "solve", programs):
         fly_settings(settings, [PythonLaw(mpc)])
     packaged, packaged_us, out = initial_state(mpc.k), list[float](), np.zeros(SETPOINT.size)
     for _, (nav, reference, _) in steps:

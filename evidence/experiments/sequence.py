@@ -162,9 +162,9 @@ def sequence_changes(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nThe first command of the new mode against the last one of the "
-        "old, 40 ms before, with what the receiver's noise makes of it, at changes more than 1 m "
-        "above the ground; later set-point: the largest step of 40 ms in the 2 s after, sticks and "
-        "reference included; tilt: the largest of these. Largest over "
+        "old, a step of the controller before, with what the receiver's noise makes of it, at "
+        "changes more than 1 m above the ground; later set-point: its largest step in the 2 s "
+        "after, sticks and reference included; tilt: the largest of these. Largest over "
         f"{results.seeds('sequence')}."
     )
 

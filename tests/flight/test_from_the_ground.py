@@ -11,6 +11,7 @@ from heli_flight.settings import resolve
 from heli_outer_pd.position_health import ground_begun_m
 
 MODES = ["standing", "takeoff", "hover", "trajectory", "hover", "land", "standing"]
+PERIOD = 2
 
 
 def flown(gps="standalone", seed=1, wind_mps=5.0, towards_deg=225.0, slope=(0.0, 0.0), drag=1.0):
@@ -98,8 +99,8 @@ def lost_and_landed(seed, gps="standalone", world="paper", until_s=-1.0):
 
 def commanded(record):
     """Largest step of the set-point, deg, and of the collective, at each step of the law."""
-    attitude = np.degrees(np.unwrap(record.setpoint[::4], axis=0))
-    return np.abs(np.diff(attitude, axis=0)).max(axis=1), np.abs(np.diff(record.u[::4, 3]))
+    attitude = np.degrees(np.unwrap(record.setpoint[::PERIOD], axis=0))
+    return np.abs(np.diff(attitude, axis=0)).max(axis=1), np.abs(np.diff(record.u[::PERIOD, 3]))
 
 
 @pytest.mark.parametrize(
@@ -110,26 +111,29 @@ def commanded(record):
 def test_it_lands_level_where_it_is_lost(seed, world):
     record, figures = lost_and_landed(seed, world=world)
     assert figures["touch_down_speed"] < 0.5 and figures["touch_down_tilt"] < 15.0
-    sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
+    sigma = record.nav_sigma_vel_mps[::PERIOD, :2].max(axis=1)
     (lost,) = np.flatnonzero((sigma[1:] > 0.5) & (sigma[:-1] <= 0.5))
-    assert 12.0 < 0.04 * lost < 24.0
+    assert 12.0 < 0.01 * PERIOD * lost < 24.0
     attitude, collective = commanded(record)
     assert attitude[lost] < 0.5 and collective[lost] < 0.01
     # From there on to the ground, a second later, roll and pitch stay as they are.
-    down = np.flatnonzero(record.mode == "land")[-1] // 4 - 100
-    assert np.degrees(np.ptp(record.setpoint[4 * (lost + 60) : 4 * down, :2], axis=0)).max() < 0.2
+    down = np.flatnonzero(record.mode == "land")[-1] // PERIOD - 200
+    assert (
+        np.degrees(np.ptp(record.setpoint[PERIOD * (lost + 120) : PERIOD * down, :2], axis=0)).max()
+        < 0.2
+    )
 
 
 def test_a_fix_that_comes_back_in_the_descent_is_taken_over_without_a_step():
     """It brakes, and lands with less sideways speed than the level descent would."""
     record, figures = lost_and_landed(2, until_s=31.0)
-    sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
+    sigma = record.nav_sigma_vel_mps[::PERIOD, :2].max(axis=1)
     (again,) = np.flatnonzero((sigma[1:] < 0.1) & (sigma[:-1] > 0.5))
     attitude, collective = commanded(record)
     assert attitude[again : again + 2].max() < 0.5 and collective[again : again + 2].max() < 0.01
-    assert record.mode[4 * again] == "land"
+    assert record.mode[PERIOD * again] == "land"
     sideways = np.linalg.norm(record.truth_vel_ned_mps[:, :2], axis=1)
-    assert sideways[4 * again] > 0.4 and figures["landing_skid"] < 0.3
+    assert sideways[PERIOD * again] > 0.4 and figures["landing_skid"] < 0.3
 
 
 def test_a_plain_hover_that_is_lost_flies_level_and_is_held_where_it_is_found_again():

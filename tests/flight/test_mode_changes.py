@@ -46,7 +46,7 @@ BEFORE = {
     ("bank", "asked"): ([(4, "asked", (13.0, 0.0, -20.0, 0.0))], NEUTRAL, 6.0),
 }
 AFTER_S = 1.0
-PERIOD = 4
+PERIOD = 2
 
 
 @cache

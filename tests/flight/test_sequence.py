@@ -54,8 +54,8 @@ def test_by_hand_the_cyclic_is_the_pilots_and_nothing_jumps():
     hand = np.flatnonzero(record.mode == "manual")
     # Held over the period of the outer loop, but for what fades: no law moves it in between.
     fades = np.isin(hand, np.r_[200:800, 6000:6600])
-    still = hand[~fades & (hand % 4 != 0)]
-    assert still.size > 2000
+    still = hand[~fades & (hand % 2 != 0)]
+    assert still.size > 1500
     step = np.abs(record.u[still, : ACTUATOR.col] - record.u[still - 1, : ACTUATOR.col])
     assert step.max() < 2e-6
     air = hand[~touching(record, PlantConfig.from_parameters(settings.nodes["plant"]).params
@@ -64,7 +64,8 @@ def test_by_hand_the_cyclic_is_the_pilots_and_nothing_jumps():
     for change in np.flatnonzero(record.mode[1:] != record.mode[:-1]):
         if 2100 > change or change > 6100:
             continue
-        later = record.u[change + 1 : change + 7] - record.u[change : change + 6]
+        # Up to the next step of the law: then the pilot has his hand on the collective.
+        later = record.u[change + 1 : change + 4] - record.u[change : change + 3]
         assert np.abs(later[:, ACTUATOR.col]).max() < 0.01
 
 
@@ -85,22 +86,22 @@ def pilot_and_row(standing=False):
 
 def test_a_pilot_sees_late_and_steers_against_what_he_sees():
     pilot, nav, k = pilot_and_row()
-    for _ in range(10):
+    for _ in range(20):
         sticks = pilot.fly(nav, 5.0, 0.0, Phase.MANUAL)
     np.testing.assert_allclose(sticks, 0.0, atol=1e-9)
     nav[NAV.quat] = quat_from_euler(k.trim[0] + 0.1, k.trim[1] - 0.1, 0.1)
-    rows = [pilot.fly(nav, 5.0, 0.0, Phase.MANUAL) for _ in range(7)]
-    assert np.abs(rows[:5]).max() < 1e-9, "0.2 s are five looks"
-    roll, pitch, yaw, _ = rows[5]
+    rows = [pilot.fly(nav, 5.0, 0.0, Phase.MANUAL) for _ in range(13)]
+    assert np.abs(rows[:10]).max() < 1e-9, "0.2 s are ten looks"
+    roll, pitch, yaw, _ = rows[10]
     assert roll < -0.1 and pitch > 0.1 and yaw < -0.1
-    np.testing.assert_allclose(rows[5], rows[6], atol=1e-9)
+    np.testing.assert_allclose(rows[10], rows[12], atol=1e-9)
 
 
 def test_a_pilot_on_the_ground_has_the_collective_down_until_he_is_to_take_off():
     pilot, nav, _ = pilot_and_row(standing=True)
     nav[NAV.pos] = 0.0
-    for _ in range(50):
+    for _ in range(100):
         assert pilot.fly(nav, 0.0, 0.0, Phase.MANUAL)[STICKS.climb] == -1.0
-    raised = [pilot.fly(nav, 5.0, 0.0, Phase.MANUAL)[STICKS.climb] for _ in range(48)]
+    raised = [pilot.fly(nav, 5.0, 0.0, Phase.MANUAL)[STICKS.climb] for _ in range(96)]
     assert 0.0 < np.diff(raised).min() and np.diff(raised).max() < 0.03
     assert raised[-1] == pytest.approx(-0.04)

@@ -180,7 +180,7 @@ def test_an_aircraft_with_a_design_is_excited_in_a_slow_position_loop():
     slow = [flown[name]["outer_loop"]["K_P"].tolist() for name in ("xcell60", "logo600")]
     assert slow[0] == slow[1] == [1.0, 0.6, 3.0]
     assert flown["xcell60"]["outer_loop"]["mass"] != flown["logo600"]["outer_loop"]["mass"]
-    assert flown[None]["outer_loop"]["K_P"].tolist() == [1.2, 1.2, 7.5]
+    assert flown[None]["outer_loop"]["K_P"].tolist() == [1.5, 1.3, 12.0]
 
 
 def test_given_constants_are_packaged_for_every_aircraft():

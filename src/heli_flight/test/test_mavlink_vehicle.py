@@ -246,8 +246,8 @@ def test_a_set_point_before_the_first_position_is_dropped_and_said(station):
         turns += 1
     dropped = "set-point: there is no position estimate yet; it is dropped"
     told = station.words.count(dropped)
-    # 40 ms a turn: once a second, not once each.
-    assert 1 <= told <= 1 + turns // 25
+    # 20 ms a turn: once a second, not once each.
+    assert 1 <= told <= 1 + turns // 50
     station.words = ""
     for _ in range(50):
         station.send(target)

@@ -103,9 +103,9 @@ def test_the_hover_test_at_400_hz_is_inside_the_papers_figures(gps, seed):
     assert flight.record.time_s[-1] == 60.0 - 1.0 / FAST
     result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)
     assert result.figures.windows and result.exit_code(gps) == 0, result.outside()
-    # every command stands for the 40 ms of the outer loop
+    # every command stands for the 20 ms of the outer loop
     changes = np.flatnonzero(np.any(np.diff(flight.record.setpoint, axis=0) != 0.0, axis=1)) + 1
-    assert changes.size > 1000 and not np.any(changes % 16)
+    assert changes.size > 1000 and not np.any(changes % 8)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@
 import { nameOf } from "./faults.js";
 import { wrapped } from "./format.js";
 
-// A 1-cosine gust from there on pushes the simulated hover two decimetres away (10 m/s for 5 s: 0.19 m).
+// A 1-cosine gust from there on pushes the simulated hover a decimetre away (10 m/s for 5 s: 0.09 m).
 const STRONG_GUST_MPS = 10;
 // Below it the drift of a standalone receiver (1.5 m upright, one sigma) reaches the ground.
 const LOW_M = 5;
@@ -32,7 +32,7 @@ export function ofGust({ amplitude_mps: peak, from_deg: from, duration_s: length
     return { text, danger: { title: "A gust while nothing holds the position?", yes, text: `${text} Position and altitude are not held now: the helicopter is carried away with it.` } };
   }
   if (peak < STRONG_GUST_MPS) return { text, danger: null };
-  return { text, danger: { title: "Send a strong gust?", yes, text: `${text} Gusts of ${STRONG_GUST_MPS} m/s and more bank the helicopter and push it two decimetres off its place.` } };
+  return { text, danger: { title: "Send a strong gust?", yes, text: `${text} Gusts of ${STRONG_GUST_MPS} m/s and more bank the helicopter and push it a decimetre off its place.` } };
 }
 
 export function ofMode(mode, state) {

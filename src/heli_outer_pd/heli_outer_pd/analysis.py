@@ -396,7 +396,7 @@ def _lifted(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
 # -------------------------------------------------------------------------------------------------
 
 # K_P, K_D, bandwidth of the observer, lead: what parameters allow, and where the search begins.
-_BOUNDS = (20.0, 20.0, 15.0, 1.0)
+_BOUNDS = (20.0, 40.0, 15.0, 1.0)
 _STARTS_LED = ((0.43, 1.1, 0.3, 0.3), (1.0, 2.2, 1.0, 0.3))
 _STARTS = ((3.0, 4.7, 1.6, 0.0), (6.2, 6.2, 3.0, 0.0), (8.2, 15.0, 6.2, 0.0))
 

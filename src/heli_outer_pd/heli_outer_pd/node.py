@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `outer_loop`: reference and odometry to attitude setpoint and collective, 25 Hz."""
+"""Node `outer_loop`: reference and odometry to attitude setpoint and collective, 50 Hz."""
 
 import sys
 import time

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from heli_core.parameters import Parameter
+from heli_core.rcl_yaml import ParameterCause, ParameterError
 from heli_core.rows import SETPOINT
 from heli_core.signals import SweepParams
 from heli_core.ticks import NS_PER_S, TICK_S
+from heli_outer_pd.disturbance import kept
 from heli_outer_pd.goto import FIXED, HEADINGS, HEIGHT_M, WIND
 from heli_outer_pd.joystick import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
 from heli_outer_pd.manual import STICK_ROWS
@@ -124,7 +126,7 @@ TABLE: tuple[Parameter, ...] = (
     _row("K_P", "double[]", "Position gains, forward, right, down", "1/s2",
          shape=(3,), lower=0.0, upper=20.0),
     _row("K_D", "double[]", "Velocity gains, forward, right, down", "1/s",
-         shape=(3,), lower=0.0, upper=20.0),
+         shape=(3,), lower=0.0, upper=40.0),
     _row("approach_speed_mps", "double",
          "Speed at which a large position error is flown back", "m/s", lower=0.1, upper=20.0),
     _row("reference_anchor", "string",
@@ -284,6 +286,29 @@ TABLE: tuple[Parameter, ...] = (
 
 OBSERVER_DAMPING = 0.8
 """Of the disturbance observer's error dynamics."""
+_SWINGS = -0.8
+"""Least factor from one step's vertical command to the next's by the prediction alone."""
+
+
+def check_prediction(p: Mapping[str, Any]) -> None:
+    """Raise ParameterError where the vertical prediction would make the collective swing.
+
+    A command changes the acceleration, behind the collective's lag, that the next command is
+    predicted with; by that loop alone it is multiplied by `pole` from step to step.
+    """
+    ahead_s, lag_s = p["collective_prediction_s"], p["collective_lag_s"]
+    keep = kept(p["period_ticks"] * TICK_S, lag_s)
+    pole = keep - (1.0 - keep) * p["K_D"][2] * ahead_s
+    if p["wind_compensation"] and pole < _SWINGS:
+        most_s = (keep - _SWINGS) / ((1.0 - keep) * p["K_D"][2])
+        raise ParameterError(
+            f"collective_prediction_s: {ahead_s:g} s makes the collective swing from step to step, "
+            f"with K_D {p['K_D'][2]:g} 1/s down, collective_lag_s {lag_s:g} s and period_ticks "
+            f"{p['period_ticks']}",
+            ParameterCause.CONFLICT,
+            value=ahead_s,
+            allowed=f"up to {math.floor(1e3 * most_s) / 1e3:g} s; a lower K_D takes more",
+        )
 
 
 def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
@@ -297,8 +322,14 @@ def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
     Returns
     -------
     OuterParams
+
+    Raises
+    ------
+    ParameterError
+        As `check_prediction` does.
     """
     p = parameters
+    check_prediction(p)
     bandwidth = np.asarray(p["disturbance.bandwidth_radps"], float)
     trim = np.zeros(SETPOINT.size)
     trim[SETPOINT.phi], trim[SETPOINT.theta] = p["trim.phi"], p["trim.theta"]

@@ -6,7 +6,7 @@ import pytest
 
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, SETPOINT
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Guard, Phase, parameters, position_law
 from heli_outer_pd.goto import Fence, Goto, PhaseNumbers, left, outside
@@ -18,7 +18,9 @@ from heli_outer_pd.state import FLIES, MACHINE, POSITION_LOST
 
 VALUES = OuterLoopNode.SPEC.resolve()
 SMALL = {"fence.radius_m": 30.0, "fence.ceiling_m": 40.0, "fence.margin_m": 5.0}
-STEP_NS = NS_PER_S // 25
+STEP_NS = VALUES["period_ticks"] * TICK_NS
+DT_S = STEP_NS / NS_PER_S
+RATE = NS_PER_S // STEP_NS  # steps of the law in a second
 NEUTRAL = np.zeros(4)
 
 
@@ -53,7 +55,7 @@ class Craft:
             self.nav[NAV.pos], self.nav[NAV.vel] = row[:3] + blown, row[3:6]
         else:
             self.nav[NAV.vel] = self.vel
-            self.nav[NAV.pos] += self.vel * 0.04
+            self.nav[NAV.pos] += self.vel * DT_S
         follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k, self.state,
                self.out)  # fmt: skip
         self.phases.after(self.now_ns, self.nav, self.out)
@@ -72,7 +74,7 @@ def steered_out(command, **start):
     craft = Craft(**start)
     craft.phases.steer(NEUTRAL, craft.now_ns)
     assert craft.ask(command) is None
-    for _ in range(400):
+    for _ in range(16 * RATE):
         craft.step(steered=True)
         if craft.phases.phase == Phase.HOVER:
             return craft
@@ -87,7 +89,7 @@ def test_the_sticks_are_taken_away_at_the_fence_and_it_hovers_inside(command):
     assert remark == left(command.value, craft.phases.fence_distance_m)
     assert craft.ask(command).cause == Guard.FENCE, "not while it is outside"
     farthest = 0.0
-    for _ in range(800):
+    for _ in range(32 * RATE):
         craft.step(steered=True)
         farthest = max(farthest, craft.away)
     # Braked from 5 m/s with 1.5 m/s2 and its jerk.
@@ -100,7 +102,7 @@ def test_the_sticks_are_taken_away_at_the_fence_and_it_hovers_inside(command):
 def test_the_ceiling_counts_from_the_ground():
     craft = steered_out(Command.MANUAL, vel=(0.0, 0.0, -3.0))
     assert -craft.nav[NAV.pos][2] == pytest.approx(40.0, abs=0.15)
-    for _ in range(600):
+    for _ in range(24 * RATE):
         craft.step(steered=True)
     assert -craft.nav[NAV.pos][2] == pytest.approx(35.0, abs=1e-6)
 
@@ -121,14 +123,14 @@ def test_a_way_is_given_up_where_the_wind_takes_it_out():
         craft.step(blown=(0.0, 4.0, 0.0))
     assert craft.phases.remarks == [left("trajectory", craft.phases.fence_distance_m)]
     assert craft.ask(Command.GOTO, (np.array([0.0, 0.0, -20.0]), 0.0)) is not None
-    for _ in range(400):
+    for _ in range(16 * RATE):
         craft.step()
     assert craft.away <= 30.0 and craft.phases.phase == Phase.HOVER
 
 
 def test_a_hold_outside_leads_inside():
     craft = Craft(pos=(0.0, 50.0, -60.0))
-    for _ in range(1500):
+    for _ in range(60 * RATE):
         craft.step()
     np.testing.assert_allclose(craft.nav[NAV.pos], (0.0, 25.0, -35.0), atol=1e-6)
 
@@ -139,7 +141,7 @@ def test_without_a_position_there_is_no_fence():
     craft.nav[NAV.sigma_vel] = 9.0
     craft.phases.steer(NEUTRAL, craft.now_ns)
     assert craft.ask(Command.MANUAL) is None
-    for _ in range(10):
+    for _ in range(round(0.4 * RATE)):
         craft.step(steered=True)
     assert craft.phases.phase == Phase.MANUAL and craft.phases.fence_distance_m == 0.0
 

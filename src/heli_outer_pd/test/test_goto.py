@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from heli_core.errors import PathCause
 from heli_core.rows import NAV, REFERENCE, SHAPED
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import encode_reference, key_of
@@ -27,6 +27,8 @@ from support.step_climb import step_climb
 
 VALUES = OuterLoopNode.SPEC.resolve()
 GOTO = Goto.from_parameters(VALUES)
+STEP_NS = VALUES["period_ticks"] * TICK_NS
+DT_S = STEP_NS / NS_PER_S
 START = np.array([0.0, 0.0, -10.0])
 HELD = Trajectory.hover(START, math.radians(170.0))
 CLIMB = step_climb(START, 0.3, 8.0, 12.0, 2.5)
@@ -46,8 +48,8 @@ def shaped(trajectory, times_ns):
 
 
 def flown(trajectories):
-    """What the law follows, 25 Hz, if each (stamp ns, trajectory known from then on) is heard."""
-    times_ns = np.arange(int(6.0 * NS_PER_S), int(60.0 * NS_PER_S), NS_PER_S // 25)
+    """What the law follows if each (stamp ns, trajectory known from then on) is heard."""
+    times_ns = np.arange(int(6.0 * NS_PER_S), int(60.0 * NS_PER_S), STEP_NS)
     rows = shaped(trajectories[0][1], times_ns)
     for known_ns, trajectory in trajectories[1:]:
         later = times_ns > known_ns
@@ -66,18 +68,21 @@ class TestWay:
         again_ns = AT_NS + int(after_s * NS_PER_S)
         second = GOTO.plan(first, again_ns, *SECOND)
         times_ns, rows = flown([(0, HELD), (AT_NS, first), (again_ns, second)])
-        # Per period of 0.04 s: no more than speed, acceleration and the window's average allow.
+        # Per period: no more than speed, acceleration and the window's average allow.
         # Axes along and across a way have their own limits.
-        assert steps(rows, SHAPED.pos).max() < 0.04 * math.sqrt(2.0) * 3.0
-        assert steps(rows, SHAPED.vel).max() < 0.04 * math.sqrt(3.0) * 1.5
+        assert steps(rows, SHAPED.pos).max() < DT_S * math.sqrt(2.0) * 3.0
+        assert steps(rows, SHAPED.vel).max() < DT_S * math.sqrt(3.0) * 1.5
         # The average of a path with corners each 0.04 s has steps of the acceleration.
         assert steps(rows, SHAPED.acc).max() < 0.04 * math.sqrt(3.0) * 1.5 / 0.8 + 1e-3
         turned = np.abs(np.angle(np.exp(1j * np.diff(rows[:, SHAPED.psi]))))
         lead_s = VALUES["heading_lead_s"]
-        assert turned.max() < 0.04 * math.radians(45.0 + lead_s * 60.0) + math.radians(2.0)
+        assert turned.max() < DT_S * math.radians(45.0 + lead_s * 60.0) + math.radians(2.0)
         # What was looked at before is as it was, to the bit.
         until = times_ns[times_ns <= again_ns]
-        np.testing.assert_array_equal(shaped(first, until)[-50:], shaped(second, until)[-50:])
+        np.testing.assert_array_equal(
+            shaped(first, until)[-2 * NS_PER_S // STEP_NS :],
+            shaped(second, until)[-2 * NS_PER_S // STEP_NS :],
+        )
         end = rows[-1]
         np.testing.assert_allclose(end[SHAPED.pos], SECOND[0], atol=1e-9)
         assert end[SHAPED.psi] == pytest.approx(SECOND[1])
@@ -104,7 +109,7 @@ class TestWay:
     def test_a_climb_is_left_at_its_speed(self):
         trajectory = GOTO.plan(CLIMB, AT_NS, *SECOND)
         _, rows = flown([(0, CLIMB), (AT_NS, trajectory)])
-        assert steps(rows, SHAPED.vel).max() < 0.04 * 2.5 / 0.8 + 0.04 * math.sqrt(3.0) * 1.5
+        assert steps(rows, SHAPED.vel).max() < DT_S * (2.5 / 0.8 + math.sqrt(3.0) * 1.5)
 
     def test_headings(self):
         towards = Goto(GOTO.limits, "towards", GOTO.shaping_ns).plan(HELD, AT_NS, *SECOND)

@@ -6,7 +6,7 @@ import pytest
 
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, SETPOINT
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Phase, parameters, position_law
 from heli_outer_pd.disturbance import kept, trim_thrust
@@ -25,7 +25,8 @@ from heli_outer_pd.state import (
 )
 
 VALUES = OuterLoopNode.SPEC.resolve()
-STEP_NS = NS_PER_S // 25
+STEP_NS = VALUES["period_ticks"] * TICK_NS
+RATE = NS_PER_S // STEP_NS  # steps of the law in a second
 SURE, UNSURE = 0.03, 0.3
 
 
@@ -80,7 +81,7 @@ class Heave:
 
 def settled(**changes):
     craft = Heave(**changes)
-    for _ in range(25 * 40):
+    for _ in range(40 * RATE):
         craft.step(SURE)
     assert craft.down == pytest.approx(-10.0, abs=0.05)
     return craft
@@ -104,7 +105,7 @@ def test_a_doubt_of_a_moment_is_none():
     """An IMU that stops for 0.2 s leaves one that the next fixes take."""
     craft = settled()
     for _ in range(3):
-        for _ in range(24):
+        for _ in range(round(0.96 * RATE)):
             craft.step(UNSURE)
         assert craft.state.machine[MACHINE.altitude] == ALTITUDE_VALID and not craft.phases.gone
         craft.step(SURE)
@@ -125,7 +126,7 @@ def test_it_is_told_and_no_pilot_is_needed():
 def test_in_the_air_feeling_for_the_ground_is_no_fall():
     craft = settled()
     fastest = 0.0
-    for _ in range(25 * 12):
+    for _ in range(12 * RATE):
         craft.step(UNSURE)
         fastest = max(fastest, craft.speed)
     assert craft.phases.phase == Phase.DESCENDING and craft.down < -1.0
@@ -135,13 +136,13 @@ def test_in_the_air_feeling_for_the_ground_is_no_fall():
 def test_what_comes_back_is_flown_from_where_it_is():
     """The barometer says 3 m lower than dead reckoning: no step, and back at a limited speed."""
     craft = settled()
-    for _ in range(25 * 6):
+    for _ in range(6 * RATE):
         craft.step(UNSURE)
     craft.error[0] = 3.0
     before, after = craft.step(SURE)
     assert craft.state.machine[MACHINE.altitude] == ALTITUDE_VALID
     np.testing.assert_allclose(after, before, atol=1e-9)
-    for _ in range(25 * 6):
+    for _ in range(6 * RATE):
         craft.step(SURE)
         assert craft.speed > -0.6
 
@@ -149,7 +150,7 @@ def test_what_comes_back_is_flown_from_where_it_is():
 def test_a_sound_landing_does_not_look_at_it():
     craft = settled()
     assert craft.phases.command(Command.LAND, craft.now_ns, craft.nav) is None
-    for _ in range(25 * 40):
+    for _ in range(40 * RATE):
         craft.step(0.08)
         assert craft.state.machine[MACHINE.altitude] == ALTITUDE_VALID
     assert craft.phases.phase == Phase.STANDING

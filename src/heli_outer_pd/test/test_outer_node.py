@@ -39,11 +39,11 @@ def held(outer):
     return outer.node.run.held.points[0, :3].tolist()
 
 
-def test_every_fourth_tick_has_a_setpoint_and_a_collective(bench):
+def test_every_second_tick_has_a_setpoint_and_a_collective(bench):
     outer = bench(OuterLoopNode)
     outer.fly()
     fly_ticks(outer, range(9))
-    assert len(outer.sent[topics.ATTITUDE_SETPOINT]) == len(outer.sent[topics.COLLECTIVE]) == 3
+    assert len(outer.sent[topics.ATTITUDE_SETPOINT]) == len(outer.sent[topics.COLLECTIVE]) == 5
 
 
 def test_without_a_reference_the_position_of_activation_is_held(bench):
@@ -62,7 +62,7 @@ def test_without_a_reference_the_position_of_activation_is_held(bench):
 def test_a_reference_that_is_announced_is_waited_for(bench):
     outer = bench(OuterLoopNode, peers=["scenario"])
     outer.fly()
-    fly_ticks(outer, range(3))
+    fly_ticks(outer, range(2))
     assert outer.sent[topics.COLLECTIVE] == []
     trajectory = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.3)
     outer.receive(topics.REFERENCE, encode_reference(trajectory))
@@ -100,7 +100,7 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     assert outer.sent[topics.COLLECTIVE][-1] == pytest.approx(trim[3:], abs=0.0)
     fly_ticks(outer, [8])
     assert outer.node.health.level == Level.OK
-    reports = [lost(tick) for tick in range(12, 64, 4)]
+    reports = [lost(tick) for tick in range(10, 62, 2)]
     assert {level for level, _ in reports[:-1]} == {Level.OK}, (
         "carried on by its velocity for 0.5 s"
     )

@@ -8,7 +8,7 @@ from heli_core.inbox import deliver, empty_inbox
 from heli_core.python_controller import OUTER, PythonLaw
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, REFERENCE
-from heli_core.ticks import Rate
+from heli_core.ticks import TICK_NS, TICK_S, Rate
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import OuterStatus, outer_params
 from heli_outer_pd.node import OuterLoopNode
@@ -27,8 +27,8 @@ from heli_outer_pd.outer_loop import (
 from heli_outer_pd.python_controller import OwnPositionLaw
 from heli_outer_pd.state import MEMORY
 
-K = outer_params(OuterLoopNode.SPEC.resolve())
-PERIOD, TICK_NS = 4, 10_000_000
+VALUES = OuterLoopNode.SPEC.resolve()
+K, PERIOD = outer_params(VALUES), VALUES["period_ticks"]
 HERE, PSI = np.array([1.5, -0.7, -10.9]), 0.4
 
 
@@ -95,11 +95,11 @@ def test_between_two_steps_of_the_law_it_hears_and_nothing_else():
     loop = Loop(AS_GIVEN)
     assert loop.tick(0) == OuterStatus.OK
     before, nav = loop.out.copy(), loop.state.nav.copy()
-    assert {loop.tick(tick, vel=tick) for tick in (1, 2, 3)} == {NOT_DUE}
+    assert {loop.tick(tick, vel=tick) for tick in range(1, PERIOD)} == {NOT_DUE}
     np.testing.assert_array_equal(loop.out, before)
     np.testing.assert_array_equal(loop.state.nav, nav)
-    assert loop.state.heard.tick[0] == 3
-    assert loop.tick(4) == OuterStatus.OK
+    assert loop.state.heard.tick[0] == PERIOD - 1
+    assert loop.tick(PERIOD) == OuterStatus.OK
 
 
 @pytest.mark.parametrize(
@@ -119,13 +119,13 @@ def test_the_first_step_with_a_position_says_where_the_reference_begins(
     assert loop.tick(0, pos=np.nan) == OuterStatus.BAD_NAVIGATION
     np.testing.assert_array_equal(loop.hover.points, given)
     assert np.isnan(loop.state.nav).all() == (reference == HELD), "nothing to hold yet"
-    assert loop.tick(4) == OuterStatus.OK
+    assert loop.tick(PERIOD) == OuterStatus.OK
     # Later steps leave it there.
-    assert loop.tick(8, pos=HERE + 1.0) == OuterStatus.OK
+    assert loop.tick(2 * PERIOD, pos=HERE + 1.0) == OuterStatus.OK
     np.testing.assert_allclose(loop.hover.points[0, REFERENCE.pos], points, atol=1e-15)
     np.testing.assert_allclose(loop.state.offset_ned_m, offset, atol=1e-15)
     assert loop.hover.points[0, REFERENCE.psi] == pytest.approx(psi)
-    assert loop.state.engagement[ENGAGEMENT.tick] == 4
+    assert loop.state.engagement[ENGAGEMENT.tick] == PERIOD
     height = loop.state.law.x[[MEMORY.ground_known, MEMORY.ground_off_m]].tolist()
     assert height == ([1.0, offset[2]] if reference == MOVED else [0.0, 0.0])
 
@@ -139,13 +139,13 @@ def test_after_a_gap_the_velocity_begins_from_that_of_the_navigation_and_the_win
     state = loop.state.law.x
     state[MEMORY.disturbance] = wind = np.array([0.4, -0.3, 0.2])
     loop.state.engagement[ENGAGEMENT.velocity] = 1
-    loop.tick(4, pos=np.nan, vel=vel)
+    loop.tick(PERIOD, pos=np.nan, vel=vel)
     assert loop.state.engagement[ENGAGEMENT.velocity] == 1
-    loop.tick(8, vel=vel)
+    loop.tick(2 * PERIOD, vel=vel)
     assert loop.state.engagement[ENGAGEMENT.velocity] == 0
     np.testing.assert_allclose(state[MEMORY.vel], vel, atol=0.1)
     np.testing.assert_allclose(state[MEMORY.disturbance], wind, atol=0.1)
-    loop.tick(12, vel=-vel)
+    loop.tick(3 * PERIOD, vel=-vel)
     assert np.abs(state[MEMORY.vel] - -vel).max() > 1.0, "afterwards it is estimated"
     np.testing.assert_array_equal(loop.hover.points, points)
 
@@ -159,7 +159,7 @@ def test_a_law_in_python_takes_the_place_of_the_packaged_one_where_that_steps():
 
     level.loop = OUTER
     loop = Loop(AS_GIVEN, PythonLaw(level))
-    for tick in range(6):
+    for tick in range(PERIOD + 2):
         loop.tick(tick)
-    assert asked == [(HERE.tolist(), 0.0), (HERE.tolist(), 0.04)]
+    assert asked == [(HERE.tolist(), 0.0), (HERE.tolist(), PERIOD * TICK_S)]
     np.testing.assert_allclose(loop.out, [0.01, 0.02, 0.03, 0.04], atol=1e-15)

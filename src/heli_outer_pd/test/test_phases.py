@@ -9,7 +9,7 @@ import pytest
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, REFERENCE, SETPOINT
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Guard, Phase, Refusal, position_law
 from heli_outer_pd import parameters as config
@@ -23,8 +23,10 @@ from heli_outer_pd.script import script_of
 from heli_outer_pd.state import MACHINE, MEMORY, STANDS
 
 VALUES = OuterLoopNode.SPEC.resolve()
-STEP_NS = NS_PER_S // 25
-_LAG_S = 0.1
+STEP_NS = VALUES["period_ticks"] * TICK_NS
+DT_S = STEP_NS / NS_PER_S
+RATE = NS_PER_S // STEP_NS  # steps of the law in a second
+_LAG_S = 0.035  # as of delay and servos; the gains are for that
 
 
 class Body:
@@ -66,7 +68,7 @@ class Body:
         follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k, self.state,
                self.out)  # fmt: skip
         self.phases.after(self.now_ns, self.nav, self.out)
-        for _ in range(40):
+        for _ in range(round(DT_S / 0.001)):
             wanted = self.strength * hover_share(self.out[SETPOINT.col], self.k)
             self.thrust += (wanted - self.thrust) * 0.001 / _LAG_S
             self.up_mps += self.k.g * (self.thrust - 1.0) * 0.001
@@ -79,7 +81,7 @@ class Body:
 
     def until(self, phase, most_s=120.0):
         """Fly until a phase is entered; its flight time, s."""
-        for _ in range(round(most_s * 25)):
+        for _ in range(round(most_s * RATE)):
             if self.phases.phase == phase:
                 return self.now_ns / NS_PER_S
             self.step()
@@ -91,7 +93,7 @@ class Body:
 
 def standing(**changes):
     body = Body(**changes)
-    for _ in range(50):
+    for _ in range(RATE):
         body.step()
     return body
 
@@ -110,7 +112,7 @@ def test_from_the_ground_to_the_ground(strength):
     assert body.height_m < 0.2
     body.until(Phase.HOVER)
     assert body.height_m == pytest.approx(VALUES["takeoff.height_m"], abs=0.1)
-    for _ in range(100):
+    for _ in range(4 * RATE):
         body.step()
     assert body.ask(Command.LAND) is None
     body.until(Phase.SETTLING)
@@ -155,10 +157,10 @@ def test_the_collective_never_jumps():
             steps.append((abs(body.out[SETPOINT.col] - last), body.phases.phase))
         last = body.out[SETPOINT.col]
     ramp = (VALUES["takeoff.idle_collective"] - VALUES["trim.d_col"]) / VALUES["takeoff.ramp_s"]
-    assert max(step for step, phase in steps if phase == Phase.LIFTING) <= ramp * 0.04 + 1e-12
+    assert max(step for step, phase in steps if phase == Phase.LIFTING) <= ramp * DT_S + 1e-12
     # The climb's first step meets the end of the ramp, give or take the feed-forward of a step.
     first = next(step for step, phase in steps if phase == Phase.CLIMBING)
-    assert first < ramp * 0.04 + 0.01
+    assert first < ramp * DT_S + 0.01
     assert body.state.machine[MACHINE.guidance] == 0.0
 
 
@@ -202,7 +204,7 @@ def test_rolling_over_a_skid_breaks_the_take_off_off():
     body.ask(Command.TAKEOFF)
     body.until(Phase.LIFTING)
     stood = abs(body.phi - body.k.trim[SETPOINT.phi])
-    for _ in range(20):
+    for _ in range(round(0.8 * RATE)):
         body.step()
     tip = math.radians(VALUES["takeoff.tip_deg"])
     body.phi = body.k.trim[SETPOINT.phi] - stood - 0.9 * tip
@@ -266,7 +268,7 @@ def test_the_navigation_lost_on_the_ground_lowers_the_collective():
     body.until(Phase.LIFTING)
     body.step()
     nav = np.full(NAV.size, np.nan)
-    for _ in range(60):
+    for _ in range(round(2.4 * RATE)):
         way = body.phases.trajectory
         follow(nav, body.now_ns, way.times_ns, way.points, body.k, body.state, body.out)
         body.phases.after(body.now_ns, nav, body.out)
@@ -277,14 +279,14 @@ def test_the_navigation_lost_on_the_ground_lowers_the_collective():
 
 def test_a_landing_is_held_but_not_near_the_ground():
     body = Body(on_ground=False, height_m=6.0)
-    for _ in range(25):
+    for _ in range(RATE):
         body.step()
     assert body.ask(Command.LAND) is None
     body.until(Phase.DESCENDING)
     while body.height_m > 3.0:
         body.step()
     assert body.ask(Command.HOLD) is None
-    for _ in range(150):
+    for _ in range(6 * RATE):
         body.step()
     assert body.phases.phase == Phase.HOVER
     held = -body.phases.trajectory.points[-1, REFERENCE.pos][2]
@@ -305,8 +307,8 @@ def test_an_updraught_is_no_touch_down():
     body.until(Phase.DESCENDING)
     while body.height_m > 3.0:
         body.step()
-    for _ in range(12):
-        body.up_mps += 2.0 * 0.04
+    for _ in range(round(0.48 * RATE)):
+        body.up_mps += 2.0 * DT_S
         body.step()
     while body.height_m > 0.5:
         body.step()
@@ -321,8 +323,8 @@ def test_a_gust_that_carries_it_for_seconds_is_no_touch_down():
     body.until(Phase.DESCENDING)
     while body.height_m > 15.0:
         body.step()
-    for _ in range(50):
-        body.up_mps += 4.0 * 0.04
+    for _ in range(2 * RATE):
+        body.up_mps += 4.0 * DT_S
         body.step()
         assert body.phases.phase == Phase.DESCENDING
     body.until(Phase.STANDING)
@@ -335,7 +337,7 @@ def test_a_hover_turns_the_nose_into_the_wind_where_that_is_wanted(heading):
     body = Body(on_ground=False, height_m=6.0, **{"goto.heading": heading})
     assert body.phases.goto.heading == heading
     body.phases.command(Command.HOLD, 0, body.nav + np.eye(NAV.size)[NAV.quat][0])
-    for _ in range(40 * 25):
+    for _ in range(40 * RATE):
         body.state.x[MEMORY.disturbance] = 0.0, -1.25, 0.0
         body.psi = body.phases.trajectory.at(body.now_ns)[REFERENCE.psi]
         body.step()

@@ -8,7 +8,7 @@ import pytest
 
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, REFERENCE, SETPOINT
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Fact, Guard, Phase, Refusal, parameters, position_law
 from heli_outer_pd.failsafes import Action
@@ -38,7 +38,8 @@ from heli_outer_pd.state import (
 
 VALUES = OuterLoopNode.SPEC.resolve()
 LIMIT = VALUES["land.blind_sigma_mps"]
-STEP_NS = NS_PER_S // 25
+STEP_NS = VALUES["period_ticks"] * TICK_NS
+RATE = NS_PER_S // STEP_NS  # steps of the law in a second
 NEVER = {"failsafe.land_astray_m": 1e4}
 WIND_NED = np.array([0.3, -1.2, 0.0])  # what pushes, m/s2
 
@@ -92,7 +93,7 @@ class Flight:
 
 def hovering(**changes):
     flight = Flight(**changes)
-    for _ in range(15 * 25):
+    for _ in range(15 * RATE):
         flight.step()
     return flight
 
@@ -131,7 +132,7 @@ def test_it_goes_blind_without_a_step_and_holds_lean_heading_and_altitude():
     for second in range(5):
         flight.nav[NAV.pos][:2] += (4.0, -3.0)
         flight.nav[NAV.vel][:2] = 0.5 * second, -second
-        for _ in range(25):
+        for _ in range(RATE):
             _, after = flight.step(1.5 * LIMIT)
     np.testing.assert_allclose(after[:2], flight.lean, atol=1e-3)
     assert after[SETPOINT.psi] == pytest.approx(flight.psi)
@@ -158,7 +159,7 @@ def test_a_way_that_is_flown_is_braked_by_what_the_reference_decelerates():
     flight.state.x[MEMORY.rest] = WIND_NED[:2]  # its nav has not leaned as it got faster
     speed = float(flight.nav[NAV.vel][0])
     assert speed == pytest.approx(3.0, abs=0.1)
-    for _ in range(8 * 25):
+    for _ in range(8 * RATE):
         _, out = flight.step(2.0 * LIMIT)
         forward = flight.k.g * math.tan(-(out[SETPOINT.theta] - flight.k.trim[SETPOINT.theta]))
         speed += (forward + WIND_NED[0]) * flight.k.dt_s
@@ -178,7 +179,7 @@ def test_commands_that_need_a_position_are_refused_and_a_landing_is_not():
         assert isinstance(refused, Refusal)
         assert refused.cause == Guard.NAVIGATION
     assert flight.ask(Command.LAND) is None
-    for _ in range(5 * 25):
+    for _ in range(5 * RATE):
         flight.step(2.0 * LIMIT)
     assert flight.phases.phase == Phase.DESCENDING
     assert flight.ask(Command.HOLD).cause == Guard.NAVIGATION
@@ -193,11 +194,11 @@ def test_commands_that_need_a_position_are_refused_and_a_landing_is_not():
 def test_what_is_found_again_is_flown_from_where_it_is_without_a_step(phase, command):
     """The fix moves position, altitude and velocity at once."""
     flight = hovering(**NEVER)
-    for _ in range(50):
+    for _ in range(2 * RATE):
         flight.step(2.0 * LIMIT)
     if command is not None:
         assert flight.ask(command) is None
-        for _ in range(60):
+        for _ in range(round(2.4 * RATE)):
             flight.step(2.0 * LIMIT)
         assert flight.phases.phase == Phase.DESCENDING
     flight.off_m = 0.6
@@ -218,14 +219,14 @@ def test_what_is_found_again_is_flown_from_where_it_is_without_a_step(phase, com
 def test_what_is_lost_for_long_is_landed_without_being_told(lost_s):
     """Counted from the loss; a position that comes back in time ends the count."""
     flight = hovering(**{"failsafe.land_after_s": 1.0})
-    for _ in range(round(25 * lost_s)):
+    for _ in range(round(lost_s * RATE)):
         flight.step(2.0 * LIMIT)
     assert (flight.phases.phase in LANDING) == (lost_s > 1.0)
     if lost_s < 1.0:
-        for _ in range(10):
+        for _ in range(round(0.4 * RATE)):
             flight.step(0.04 * LIMIT)
         assert flight.state.x[MEMORY.lost_s] == 0.0
-        for _ in range(15):
+        for _ in range(round(0.6 * RATE)):
             flight.step(2.0 * LIMIT)
         assert flight.phases.phase == Phase.HOVER
 
@@ -268,9 +269,11 @@ def test_a_sigma_that_grows_lands_earlier_and_a_gap_of_a_second_does_not():
 
 def test_what_vibration_does_to_sigma_is_no_fix():
     flight = hovering()
-    for step in range(40):
-        flight.step(0.16 * LIMIT * (1.08 if step % 4 == 2 else 1.0))
-    assert flight.state.x[MEMORY.silent_s] == pytest.approx(40 * flight.k.dt_s)
+    steps = round(1.6 * RATE)
+    for step in range(steps):
+        shaken = 25 * step // RATE % 4 == 2  # for 0.04 s of 0.16 s
+        flight.step(0.16 * LIMIT * (1.08 if shaken else 1.0))
+    assert flight.state.x[MEMORY.silent_s] == pytest.approx(steps * flight.k.dt_s)
     flight.step(0.16 * LIMIT * 0.9)
     assert flight.state.x[MEMORY.silent_s] == 0.0
 
@@ -308,7 +311,7 @@ def test_the_quick_way_down_can_be_halted_anywhere():
 def test_a_fix_after_a_gap_is_flown_back_to_without_a_step():
     """The navigation jumps by 5 m and 0.5 m/s: the command goes on, then returns slowly."""
     flight = hovering()
-    for _ in range(20):
+    for _ in range(round(1.2 * RATE)):  # less than a second is no gap
         flight.step(0.8 * LIMIT)
     flight.nav[NAV.pos][:2] += (3.0, -4.0)
     flight.nav[NAV.vel][:2] += (0.3, -0.4)
@@ -323,18 +326,38 @@ def test_a_fix_after_a_gap_is_flown_back_to_without_a_step():
     np.testing.assert_allclose(flight.state.x[MEMORY.shift], 0.0, atol=0.1)
 
 
+@pytest.mark.parametrize(
+    ("silent_s", "moved"), [(0.4, False), (0.9, False), (1.1, True), (1.5, True)]
+)
+def test_fixes_that_are_lost_within_a_second_are_no_gap(silent_s, moved):
+    """Sigma rises and falls by more than half: only after a gap is the reference moved."""
+    flight = hovering(**NEVER)
+    for sigma in np.linspace(0.1, 0.4, round(silent_s * RATE)):
+        flight.step(sigma * LIMIT)
+    assert flight.state.x[MEMORY.silent_s] == pytest.approx(silent_s, abs=1.5 * flight.k.dt_s)
+    flight.nav[NAV.pos][:2] += (0.3, -0.4)
+    flight.nav[NAV.vel][:2] += (0.1, -0.2)
+    flight.step(0.12 * LIMIT)
+    shift = flight.state.x[MEMORY.shift]
+    assert math.hypot(*shift[:2]) == pytest.approx(0.5 if moved else 0.0, abs=0.01)
+    if not moved:
+        for sigma in np.linspace(0.12, 0.1, 2 * RATE):
+            flight.step(sigma * LIMIT)
+            assert not shift.any()
+
+
 def test_near_the_ground_it_stays_blind():
     flight = hovering()
     flight.step(2.0 * LIMIT)
     assert flight.ask(Command.LAND) is None
-    for _ in range(60):
+    for _ in range(round(2.4 * RATE)):
         flight.step(2.0 * LIMIT)
     flight.off_m = -1.0 - flight.nav[NAV.pos][2]
     before, after = flight.step(0.04 * LIMIT)
     np.testing.assert_array_equal(before, after)
     assert flight.state.machine[MACHINE.position] == POSITION_REACQUIRED and flight.phases.lost
     flight.nav[NAV.vel][:2] = 2.0, 2.0
-    for _ in range(50):
+    for _ in range(2 * RATE):
         _, after = flight.step(0.04 * LIMIT)
     np.testing.assert_allclose(after[:2], flight.lean, atol=1e-3)
     assert health_fact(Phase.DESCENDING, flight.state, low=True) is None
@@ -347,7 +370,7 @@ def test_a_landing_that_has_nearly_lost_it_begins_anew_and_a_hover_does_not():
         flight = hovering(**NEVER)
         if command is not None:
             flight.ask(command)
-        for _ in range(60):
+        for _ in range(round(2.4 * RATE)):
             flight.step(0.8 * LIMIT)
         assert not flight.phases.lost
         before, after = flight.step(0.04 * LIMIT)

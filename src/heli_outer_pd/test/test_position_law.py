@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from heli_core.parameters import load
+from heli_core.rcl_yaml import ParameterCause, ParameterError
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import SETPOINT
 from heli_core.trajectory import Trajectory, reference_at
 from heli_outer_pd import disturbance, position_law, reference
 from heli_outer_pd import parameters as config
 from heli_outer_pd import state as thrust_map
-from heli_outer_pd.guidance.paths import FlightPath
+from heli_outer_pd.guidance.paths import STEP_S, FlightPath
 from heli_outer_pd.guidance.transfer import MotionLimits
 from heli_outer_pd.parameters import NODE_NAME, TABLE
 from heli_outer_pd.state import FLIES, LEAVES, LOW_BY_HAND, MACHINE, STEERED, OuterStatus
@@ -231,7 +232,8 @@ def test_tilt_and_thrust_are_limited():
 
 
 def simulate(k, disturbance_mps2, seconds=60.0):
-    """A point mass behind a lag of the attitude, against a steady disturbance (NED, m/s2)."""
+    """A point mass behind lags of the attitude and of the collective, which the controller knows
+    of, against a steady disturbance (NED, m/s2)."""
     pos, vel, out = (
         np.array([0.0, 0, -10]),
         np.zeros(3),
@@ -239,6 +241,7 @@ def simulate(k, disturbance_mps2, seconds=60.0):
     )
     state, psi = position_law.initial_state(k), 0.6
     attitude, trim_thrust = k.trim[:2].copy(), k.mass * k.g / math.cos(k.trim[0])
+    col = k.trim[SETPOINT.col]
     c, s = math.cos(psi), math.sin(psi)
     for _ in range(int(seconds / k.dt_s)):
         nav = navigation(k, pos, vel, *attitude, psi)
@@ -249,8 +252,10 @@ def simulate(k, disturbance_mps2, seconds=60.0):
         fwd = -k.g * math.tan(attitude[1] - k.trim[1])
         right = k.g * math.tan(attitude[0] - k.trim[0])
         acc = np.array([c * fwd - s * right, s * fwd + c * right, 0.0]) + disturbance_mps2
+        # A vertical speed that is predicted by the thrust needs a thrust that follows so late.
+        col += (1.0 - disturbance.kept(k.dt_s, k.collective_lag_s)) * (out[SETPOINT.col] - col)
         thrust = thrust_map.thrust_for_collective(
-            out[3], vel[2], trim_thrust, k.trim[SETPOINT.col], k.rotor
+            col, vel[2], trim_thrust, k.trim[SETPOINT.col], k.rotor
         )
         acc[2] += k.g - thrust * math.cos(attitude[0]) * math.cos(attitude[1]) / k.mass
         vel = vel + k.dt_s * acc
@@ -363,12 +368,13 @@ def test_shaped_reference_is_consistent_and_arrives_exactly():
     t = np.arange(17.0, 25.0, 0.001)
     path = np.array([shaped(climb, s, 1.5) for s in t])
     np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.06)
-    corners = np.array([17.25, 18.75, 21.25, 22.75])
-    inner = (np.abs(t[:, None] - corners) > 0.01).all(axis=1)
-    np.testing.assert_allclose(np.gradient(path[:, 5], t)[inner], path[inner, 8], atol=1e-6)
+    # The acceleration is the mean of the speed's change over the 0.04 s about it.
+    mean = (path[40:, 5] - path[:-40, 5]) / 0.04
+    np.testing.assert_allclose(mean, path[20:-20, 8], atol=1e-6)
     assert np.abs(path[:, 8]).max() == pytest.approx(2.5 / 1.5)
-    assert (path[t >= 22.751][:, :9] == [0, 0, -10, 0, 0, 0, 0, 0, 0]).all()
-    assert (path[t < 17.25][:, :9] == 0.0).all()
+    assert (path[t >= 22.751][:, :8] == [0, 0, -10, 0, 0, 0, 0, 0]).all()
+    assert (path[t < 17.25][:, :8] == 0.0).all()
+    assert (path[(t < 17.229) | (t > 22.771)][:, 6:9] == 0.0).all()
     assert path[:, 2].min() >= -10.0  # no overshoot
     # Half before the corner, half after it: v T / 8 off there, on the line in between.
     at_corner, between = shaped(climb, 18.0, 1.5), shaped(climb, 20.0, 1.5)
@@ -407,6 +413,23 @@ def test_a_command_is_not_flown_before_its_time():
     np.testing.assert_allclose(np.diff(path[:, 5]) / 0.04, path[:-1, 8], atol=0.15)
 
 
+@pytest.mark.parametrize("period_ticks", [1, 2])
+def test_a_path_that_is_not_known_ahead_is_followed_without_pulses(period_ticks):
+    """Its speed is constant between its points: a difference over less is 0 or a pulse."""
+    values = load(TABLE, [YAML], NODE_NAME)
+    values |= {"reference_preview": False, "period_ticks": period_ticks}
+    k = config.outer_params(values)
+    state = position_law.initial_state(k)
+    state.x[position_law.MEMORY.unforeseen] = 1.0
+    window_ns = reference.window_of(k, state)
+    assert window_ns == reference.unforeseen_window_ns(values) >= round(STEP_S * 1e9)
+    # 2.5 m/s2 are reached in 0.5 s and left 0.5 s before 2.5 m/s: constant from 0.5 to 1.0 s.
+    limits = MotionLimits(3.0, 2.5, 2.5, 5.0, 1.0, 1.0, 2.0)
+    climb = FlightPath(np.zeros(3), 0.1, limits).stay(18.0).go_to([0.0, 0.0, -10.0]).trajectory()
+    path = np.array([shaped(climb, s, window_ns * 1e-9) for s in np.arange(18.56, 18.94, 0.01)])
+    np.testing.assert_allclose(path[:, 8], -2.5, atol=1e-6)
+
+
 def test_a_trajectory_that_begins_with_a_step_is_begun_without_one_and_caught_up():
     """Nobody could look ahead of its start: at rest there, on the average of now 5 s later."""
     points = np.zeros((2, 7))
@@ -426,7 +449,7 @@ def test_lead_answers_a_step_of_the_error_ahead_and_settles_on_it():
     lead, filter_s = k.attitude_lead[0], k.lead_filter_s
     _, _, state = step(k, navigation(k), REF)
     commanded = []
-    for _ in range(50):
+    for _ in range(round(2.0 / k.dt_s)):
         _, out, state = step(k, navigation(k, pos=(0.01, 0, -10)), REF, state)
         commanded.append(-k.g * math.tan(out[1] - k.trim[1]))
     without_lead = -k.K_P[0] * 0.01
@@ -457,7 +480,7 @@ def test_a_nose_that_turns_is_not_led():
     k = kernel(wind_compensation=False, K_P=np.full(3, 1.5))
     far = (0.5, -0.8, -10)
     state, commanded = None, []
-    for psi in [0.3] * 50 + [0.35]:
+    for psi in [0.3] * round(2.0 / k.dt_s) + [0.35]:
         _, out, state = step(k, navigation(k, pos=far, psi=psi), (*REF[:6], psi), state)
         commanded.append(k.g * np.tan([k.trim[1] - out[1], out[0] - k.trim[0]]))
     north, east = 1.5 * np.array([-0.5, 0.8])
@@ -508,3 +531,24 @@ def test_a_step_of_the_heading_is_not_led():
     times, points = turning(0.0, step_rad=1.0)
     for time_s in np.arange(19.0, 21.0, 0.04):
         assert reference.turn_rate_at(round(time_s * 1e9), times, points) == 0.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"period_ticks": 4}, {"collective_lag_s": 0.01}, {"collective_prediction_s": 0.2}],
+)
+def test_a_prediction_that_makes_the_collective_swing_is_refused(change):
+    """A command that is multiplied by less than -1 from step to step grows; named before it."""
+    with pytest.raises(ParameterError, match="collective_prediction_s: .* K_D 24 .* up to") as told:
+        kernel(**change)
+    assert told.value.cause is ParameterCause.CONFLICT
+    kernel(**change, **{"K_D": [2.7, 3.0, 5.0]})
+    kernel(**change, wind_compensation=False)
+
+
+def test_the_packaged_prediction_settles_in_the_loop_that_it_closes():
+    """The factor from step to step of `check_prediction`, by the controller itself."""
+    k = kernel()
+    keep = math.exp(-k.dt_s / k.collective_lag_s)
+    pole = keep - (1.0 - keep) * k.K_D[2] * k.collective_prediction_s
+    assert -0.5 < pole < 0.5

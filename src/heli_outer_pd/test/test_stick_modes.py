@@ -10,7 +10,7 @@ import pytest
 from heli_core.rcl_yaml import ParameterError
 from heli_core.rotations import euler_from_quat, quat_from_euler
 from heli_core.rows import NAV, REFERENCE, SETPOINT
-from heli_core.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_core.trajectory import Trajectory
 from heli_outer_pd import Command, Guard, Phase, RefusalCause, position_law
 from heli_outer_pd import parameters as config
@@ -26,7 +26,9 @@ from heli_outer_pd.script import script_of
 from heli_outer_pd.state import BY_HAND, FLIES, LOW_BY_HAND, MACHINE, MEMORY, STEERED
 
 VALUES = OuterLoopNode.SPEC.resolve()
-STEP_NS = NS_PER_S // 25
+STEP_NS = VALUES["period_ticks"] * TICK_NS
+DT_S = STEP_NS / NS_PER_S
+RATE = NS_PER_S // STEP_NS  # steps of the law in a second
 NEUTRAL = np.zeros(4)
 DOWN = np.array([0.0, 0.0, 0.0, -1.0])
 SETTLED_NS = 10 * NS_PER_S
@@ -104,8 +106,8 @@ class Craft:
 
 def test_a_velocity_is_reached_within_the_limits_and_halted_when_it_is_not_renewed():
     craft, rows = Craft(), []
-    for i in range(400):
-        if i < 150 and i % 5 == 0:
+    for i in range(16 * RATE):
+        if i < 6 * RATE and i % (RATE // 5) == 0:
             assert craft.go((9.0, 0.0, -9.0), 0.2) is None
         rows.append(craft.shaped())
         craft.step()
@@ -114,27 +116,27 @@ def test_a_velocity_is_reached_within_the_limits_and_halted_when_it_is_not_renew
     assert level.max() == pytest.approx(VALUES["goto.speed_mps"], abs=0.02), "cut to the limit"
     assert climb.max() == pytest.approx(VALUES["goto.climb_mps"], abs=0.02)
     assert np.linalg.norm(rows[:, 6:9], axis=1).max() <= 1.5 * math.sqrt(3.0) + 0.05
-    # Renewed ten times: no jump of position, velocity or acceleration over any step of the law.
-    assert np.linalg.norm(np.diff(rows[:, 3:6], axis=0), axis=1).max() < 0.04 * 1.5 * 1.74 + 0.01
-    jerk = np.diff(rows[:, 6:9], axis=0) / 0.04
+    # Renewed thirty times: no jump of position, velocity or acceleration over any step of the law.
+    assert np.linalg.norm(np.diff(rows[:, 3:6], axis=0), axis=1).max() < DT_S * 1.5 * 1.74 + 0.01
+    jerk = np.diff(rows[:, 6:9], axis=0) / DT_S
     assert np.abs(jerk).max() < 2.0 * VALUES["goto.jerk_mps3"]
-    travelled = np.cumsum(rows[:, 3:6], axis=0) * 0.04
+    travelled = np.cumsum(rows[:, 3:6], axis=0) * DT_S
     np.testing.assert_allclose(rows[-1, :3] - rows[0, :3], travelled[-1], atol=0.15)
     assert craft.phases.phase == Phase.HOVER, "it has halted"
     assert np.abs(rows[-1, 3:6]).max() < 1e-9
     began = {phase: at for at, phase in craft.phases.history}
-    last_ns = SETTLED_NS + 145 * STEP_NS
+    last_ns = SETTLED_NS + 6 * NS_PER_S - RATE // 5 * STEP_NS
     timeout_ns = VALUES["command.timeout_s"] * NS_PER_S
     assert began[Phase.HOVER] - last_ns == pytest.approx(timeout_ns, abs=2 * STEP_NS)
     # The turn: steady at 0.2 rad/s while it is renewed, 6 s of it and what the ends add.
     turned = math.remainder(rows[-1, 9] - rows[0, 9], 2.0 * math.pi)
-    assert turned == pytest.approx(0.2 * (149 * 0.04 + 0.44 + 0.5 - 0.4), abs=0.15)
+    assert turned == pytest.approx(0.2 * (6.0 - DT_S + 0.44 + 0.5 - 0.4), abs=0.15)
 
 
 def test_a_velocity_into_the_fence_is_refused_and_it_halts_inside():
     craft, refused = Craft(), 0
-    for i in range(1500):
-        if i % 5 == 0:
+    for i in range(60 * RATE):
+        if i % (RATE // 5) == 0:
             try:
                 assert craft.go((0.0, 3.0, 0.0)) is None
             except ReferenceRefused as error:
@@ -150,8 +152,8 @@ def test_a_velocity_into_the_fence_is_refused_and_it_halts_inside():
 
 def test_downwards_it_halts_above_the_lowest_altitude():
     craft = Craft(pos=(0.0, 0.0, -8.0))
-    for i in range(500):
-        if i % 5 == 0:
+    for i in range(20 * RATE):
+        if i % (RATE // 5) == 0:
             try:
                 craft.go((0.0, 0.0, 1.0))
             except ReferenceRefused as error:
@@ -206,15 +208,15 @@ def test_a_jerk_of_the_hand_is_no_step():
     craft = Craft()
     craft.step(NEUTRAL)
     assert craft.ask(Command.ATTITUDE) is None
-    for _ in range(50):
+    for _ in range(2 * RATE):
         craft.step(NEUTRAL)
     before, roll_changes = craft.out[SETPOINT.phi], []
-    for _ in range(20):
+    for _ in range(RATE):
         craft.step(np.array([0.5, 0.0, 0.0, 0.0]))
         roll_changes.append(craft.out[SETPOINT.phi] - before)
     goal = 0.5 * math.radians(VALUES["sticks.tilt_max_deg"])
     # A command is flown from the law's next step on.
-    wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(20)
+    wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(RATE)
     np.testing.assert_allclose(roll_changes, goal * (1.0 - (1.0 + wt) * np.exp(-wt)), atol=1e-3)
 
 
@@ -223,7 +225,7 @@ def test_sticks_command_attitude_climb_and_turn():
     craft.step(NEUTRAL)
     assert craft.ask(Command.ATTITUDE) is None
     down, psi = craft.shaped()[2], craft.shaped()[9]
-    for _ in range(100):
+    for _ in range(4 * RATE):
         craft.step(np.array([0.5, -0.25, 0.2, 0.4]))
     assert craft.state.machine[MACHINE.guidance] == STEERED
     tilt = math.radians(VALUES["sticks.tilt_max_deg"])
@@ -245,10 +247,10 @@ def test_the_climb_of_the_sticks_ends_inside_the_fence():
     craft = Craft(pos=(0.0, 0.0, -97.0))
     craft.step(NEUTRAL)
     craft.ask(Command.ATTITUDE)
-    for _ in range(300):
+    for _ in range(12 * RATE):
         craft.step(np.array([0.0, 0.0, 0.0, 1.0]))
     assert 99.0 < -craft.state.x[MEMORY.steer_down] < 100.3
-    for _ in range(3000):
+    for _ in range(120 * RATE):
         craft.step(DOWN)
     assert 1.7 < -craft.state.x[MEMORY.steer_down] < 3.0
 
@@ -274,14 +276,14 @@ def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command, guard)
 def test_asked_for_between_two_steps_of_the_law_nothing_jumps(command):
     """As a service or a button asks: the very next command is by the sticks."""
     craft, setpoints = Craft(), []
-    for _ in range(20):
+    for _ in range(RATE):
         craft.step(NEUTRAL)
     before = craft.out.copy()
     assert craft.ask(command) is None
-    for _ in range(10):
+    for _ in range(RATE // 2):
         craft.step(NEUTRAL, moves=False)
         setpoints.append(craft.out.copy())
-    np.testing.assert_allclose(setpoints, np.tile(before, (10, 1)), atol=1e-6)
+    np.testing.assert_allclose(setpoints, np.tile(before, (RATE // 2, 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize("bad", [np.array([0.0, math.nan, 0.0, 0.0]), np.zeros(3)])
@@ -302,14 +304,14 @@ def test_an_attitude_is_flown_through_the_lags_of_the_sticks():
     craft.step()
     np.testing.assert_allclose(craft.out, before, atol=1e-6, err_msg="its first command")
     assert craft.phases.phase == Phase.ATTITUDE
-    for _ in range(50):
+    for _ in range(2 * RATE):
         craft.lean_to()
         craft.step()
-    for _ in range(40):
+    for _ in range(2 * RATE):
         craft.lean_to(10.0, -5.0)
         craft.step()
         changes.append(craft.out[:2] - before[:2])
-    wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(40)
+    wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(2 * RATE)
     rises = (1.0 - (1.0 + wt) * np.exp(-wt))[:, None]
     np.testing.assert_allclose(changes, np.radians([10.0, -5.0]) * rises, atol=1e-5)
 
@@ -318,13 +320,13 @@ def test_entered_with_a_step_it_fades_in_and_nothing_jumps():
     craft, setpoints = Craft(), []
     craft.step()
     before = craft.out.copy()
-    for _ in range(60):
+    for _ in range(round(2.4 * RATE)):
         craft.lean_to(18.0, 0.0, craft.psi)
         craft.step()
         setpoints.append(craft.out.copy())
     np.testing.assert_allclose(setpoints[0], before, atol=1e-6)
     steps = np.degrees(np.abs(np.diff(np.array(setpoints)[:, 0])))
-    assert steps.max() == pytest.approx(18.0 * (1.0 - math.exp(-0.04 / 0.5)), abs=0.01)
+    assert steps.max() == pytest.approx(18.0 * (1.0 - math.exp(-DT_S / 0.5)), abs=0.01)
     assert np.degrees(craft.out[0] - before[0]) == pytest.approx(18.0, abs=0.2)
 
 
@@ -337,7 +339,7 @@ def test_the_heading_goes_the_shorter_way_within_its_limits(psi_deg, to_deg, tur
     craft.psi = math.radians(psi_deg)
     craft.phases.follow(Trajectory.hover(craft.nav[NAV.pos].copy(), craft.psi), craft.now_ns)
     craft.step()
-    for _ in range(200):
+    for _ in range(8 * RATE):
         assert craft.lean_to(psi=math.radians(to_deg)) is None
         craft.step()
         psi.append(craft.state.x[MEMORY.steer][2])
@@ -357,17 +359,17 @@ def test_its_climb_is_cut_and_without_one_the_altitude_is_held():
     refused = craft.climb(1.0)
     assert (refused.asked, refused.cause) == ("climb", RefusalCause.NO_ATTITUDE)
     rates = []
-    for i in range(300):
+    for i in range(12 * RATE):
         craft.lean_to()
-        if i < 150:
+        if i < 6 * RATE:
             assert craft.climb(9.0) is None
         craft.step()
         rates.append(-craft.state.x[MEMORY.steer_down_vel])
     assert max(rates) == pytest.approx(VALUES["sticks.climb_mps"])
-    lasts = 150 + round(25 * VALUES["command.timeout_s"])
+    lasts = 6 * RATE + round(VALUES["command.timeout_s"] * RATE)
     assert rates[lasts - 2] == pytest.approx(VALUES["sticks.climb_mps"])
     assert rates[lasts + 2] < VALUES["sticks.climb_mps"], "not renewed"
-    assert np.abs(rates[-50:]).max() < 1e-9
+    assert np.abs(rates[-2 * RATE :]).max() < 1e-9
     assert craft.phases.phase == Phase.ATTITUDE
 
 
@@ -420,7 +422,7 @@ def test_what_is_refused_by_the_table_is_forgotten():
 def test_a_stick_that_is_moved_takes_over_and_keeps_it():
     craft = Craft()
     idle = np.array([0.0, 0.02, 0.0, -1.0])  # a throttle that stays where it is put
-    for _ in range(30):
+    for _ in range(round(1.2 * RATE)):
         assert craft.lean_to(8.0) is None
         craft.step(idle)
     steering = craft.phases.sticks.steering
@@ -429,7 +431,7 @@ def test_a_stick_that_is_moved_takes_over_and_keeps_it():
     moved = np.array([-0.3, 0.02, 0.0, -1.0])
     craft.step(moved)
     assert craft.lean_to(8.0).cause == RefusalCause.PILOT_STEERS
-    for _ in range(50):
+    for _ in range(2 * RATE):
         craft.step(idle)
         assert craft.lean_to(8.0) is not None, "once moved, it stays with the pilot"
     tilt = craft.out[:2] - craft.k.trim[:2]
@@ -457,7 +459,7 @@ def test_the_mode_is_led_by_who_is_heard():
 def test_who_falls_silent_beside_another_is_held_all_the_same():
     craft = Craft()
     craft.lean_to(5.0)
-    for _ in range(30):
+    for _ in range(round(1.2 * RATE)):
         craft.step(NEUTRAL)
     assert craft.phases.phase == Phase.HOVER, "the sticks have not asked for it"
 
@@ -470,7 +472,7 @@ def test_by_hand_the_sticks_are_the_actuators():
     craft.step(NEUTRAL)
     assert np.isnan(with_manual(craft.out[[3]], craft.state)[1:]).size == 0
     assert craft.ask(Command.MANUAL) is None
-    for _ in range(200):
+    for _ in range(8 * RATE):
         craft.step(np.array([1.0, -0.5, 0.25, 0.2]), moves=False)
     assert craft.state.machine[MACHINE.guidance] == BY_HAND
     sent = with_manual(craft.out[[SETPOINT.col]], craft.state)
@@ -488,13 +490,13 @@ def test_in_the_air_the_collective_keeps_the_limits_of_the_thrust(climb, share):
     craft.step(NEUTRAL)
     craft.ask(Command.MANUAL)
     sticks = np.array([0.0, 0.0, 0.0, climb])
-    for _ in range(20):
+    for _ in range(round(0.8 * RATE)):
         # It falls, or rises, as the thrust has it: no ground carries it.
-        craft.nav[NAV.down_vel] += 9.8 * (1.0 - hover_share(craft.out[3], craft.k)) * 0.04
+        craft.nav[NAV.down_vel] += 9.8 * (1.0 - hover_share(craft.out[3], craft.k)) * DT_S
         craft.step(sticks, moves=False)
         assert 0.39 < hover_share(craft.out[SETPOINT.col], craft.k) < 1.91
-    for _ in range(100):
-        craft.nav[NAV.down_vel] += 9.8 * (1.0 - hover_share(craft.out[3], craft.k)) * 0.04
+    for _ in range(4 * RATE):
+        craft.nav[NAV.down_vel] += 9.8 * (1.0 - hover_share(craft.out[3], craft.k)) * DT_S
         craft.step(sticks, moves=False)
     trim = hover_share(craft.k.trim[3], craft.k) * math.cos(0.039)
     assert hover_share(craft.out[3], craft.k) == pytest.approx(share * trim, rel=2e-3)
@@ -507,7 +509,7 @@ def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
     assert craft.ask(Command.HOLD).cause == Guard.NAVIGATION
     assert craft.ask(Command.ATTITUDE).cause == Guard.LEVEL
     assert craft.ask(Command.MANUAL) is None
-    for _ in range(100):
+    for _ in range(4 * RATE):
         craft.step(np.array([0.2, 0.0, 0.0, -0.1]), moves=False)
     sent = with_manual(craft.out[[SETPOINT.col]], craft.state)
     assert sent[1] == pytest.approx(0.2 * VALUES["sticks.manual"][0])
@@ -550,7 +552,7 @@ def test_by_hand_from_the_ground_and_back():
     assert craft.ask(Command.MANUAL).cause == Guard.LOWERED
     craft.step(DOWN, moves=False)
     assert craft.ask(Command.MANUAL) is None
-    for _ in range(50):
+    for _ in range(2 * RATE):
         craft.step(DOWN, moves=False)
     idle = VALUES["takeoff.idle_collective"]
     assert craft.phases.phase == Phase.MANUAL, "it stands, and waits for the pilot"
@@ -559,17 +561,17 @@ def test_by_hand_from_the_ground_and_back():
     assert not craft.state.x[MEMORY.disturbance].any()
     assert craft.ask(Command.HOLD).cause == Guard.CLEAR
     up = np.array([0.0, 0.0, 0.0, 0.1])
-    for _ in range(100):
+    for _ in range(4 * RATE):
         craft.nav[NAV.down_vel] = -0.5
-        craft.nav[NAV.pos][2] -= 0.02
+        craft.nav[NAV.pos][2] -= 0.5 * DT_S
         craft.step(up, moves=False)
     assert craft.state.machine[MACHINE.guidance] == BY_HAND
     # Down again, and it stands: the speed stays none, though the thrust goes.
     craft.nav[NAV.pos], craft.nav[NAV.vel] = 0.0, 0.0
-    for _ in range(100):
+    for _ in range(4 * RATE):
         craft.step(DOWN, moves=False)
     assert craft.phases.phase == Phase.STANDING
-    for _ in range(50):
+    for _ in range(2 * RATE):
         craft.step(moves=False)
     assert craft.out[SETPOINT.col] == idle
 
@@ -578,9 +580,9 @@ def test_a_pilot_who_lets_go_on_the_ground_leaves_it_standing():
     craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
     craft.step(DOWN, moves=False)
     craft.ask(Command.MANUAL)
-    for _ in range(20):
+    for _ in range(round(0.8 * RATE)):
         craft.step(np.array([0.0, 0.0, 0.0, -0.5]), moves=False)
-    for _ in range(100):
+    for _ in range(4 * RATE):
         craft.step(moves=False)
     assert craft.phases.phase == Phase.STANDING
 
@@ -590,13 +592,14 @@ def test_what_falls_has_not_touched_down():
     falls, stands = TouchDown(1.0), TouchDown(1.0)
     touched = [
         (
-            falls.detects(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04),
-            stands.detects(0.5, 0.0, 9.8, 0.04),
+            falls.detects(0.5, 0.5 * 9.8 * DT_S * i, 9.8, DT_S),
+            stands.detects(0.5, 0.0, 9.8, DT_S),
         )
-        for i in range(50)
+        for i in range(2 * RATE)
     ]
     assert not any(fell for fell, _ in touched)
-    assert touched[9] == (False, False) and touched[11] == (False, True), (
+    missing = round(0.4 * RATE)
+    assert touched[missing - 1] == (False, False) and touched[missing + 1] == (False, True), (
         "2 m/s are missing after 0.4 s"
     )
 
@@ -615,7 +618,7 @@ def test_a_scripted_hand_holds_sticks_and_renews_a_velocity():
             "commands.sticks": np.array([[0.1, 0.0, 0.0, 0.0]]),
         }
     )
-    for _ in range(300):
+    for _ in range(12 * RATE):
         craft.step()
     modes = [phase for _, phase in craft.phases.history[3:]]
     assert modes == [Phase.VELOCITY, Phase.ATTITUDE, Phase.MANUAL, Phase.HOVER]
@@ -633,12 +636,12 @@ def test_a_script_commands_attitudes_until_something_else():
             "commands.climb_mps": np.array([0.4, 0.0]),
         }
     ), {}  # fmt: skip
-    for i in range(300):
+    for i in range(12 * RATE):
         craft.step()
         flown[i] = np.r_[np.degrees(craft.out[:3]), -craft.state.x[MEMORY.steer_down_vel]]
     assert [phase for _, phase in craft.phases.history[3:]] == [Phase.ATTITUDE, Phase.HOVER]
-    np.testing.assert_allclose(flown[99], [6.0, -3.0, 17.2, 0.4], atol=0.1)
-    np.testing.assert_allclose(flown[199], [-4.0, 0.0, 40.0, 0.0], atol=0.1)
+    np.testing.assert_allclose(flown[4 * RATE - 1], [6.0, -3.0, 17.2, 0.4], atol=0.1)
+    np.testing.assert_allclose(flown[8 * RATE - 1], [-4.0, 0.0, 40.0, 0.0], atol=0.1)
     assert craft.phases.remarks == []
 
 
@@ -664,7 +667,7 @@ def test_a_way_of_a_pilot_is_told_once_a_second():
     craft = Craft()
     craft.step(NEUTRAL)
     craft.ask(Command.ATTITUDE)
-    sent = sum(craft.step(NEUTRAL) for _ in range(100))
+    sent = sum(craft.step(NEUTRAL) for _ in range(4 * RATE))
     assert sent == 4
     np.testing.assert_allclose(
         craft.phases.trajectory.points[0, REFERENCE.pos], craft.nav[NAV.pos], atol=1e-9

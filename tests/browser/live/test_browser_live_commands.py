@@ -206,7 +206,7 @@ def test_the_panel_of_faults_fits(page, flown, width):
 @pytest.mark.parametrize(
     ("form", "values", "word"),
     [
-        ("gust", {"amplitude_mps": 10}, "two decimetres"),
+        ("gust", {"amplitude_mps": 10}, "a decimetre"),
         ("reference", {"u": 2.5}, "bring the helicopter to the ground"),
     ],
 )

@@ -2,7 +2,7 @@
 """The vehicle on a UDP socket of this machine, paced by the wall clock.
 
 It sends to the ports on which stations wait, as autopilots do, and hears what comes from there; no
-other program is heard. A turn reads what has come, flies a step of the position law (40 ms) and
+other program is heard. A turn reads what has come, flies a step of the position law (20 ms) and
 sends; so who holds a `MavlinkDoor` may turn it without a clock.
 """
 

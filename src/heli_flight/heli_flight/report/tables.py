@@ -445,5 +445,5 @@ def scope(plant: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
         (holds if on else lacks).append(sentence)
     rate = f"{Rate.of_parameters(plant).hz} Hz"
     loop = f"The loop as it would fly: observer at {rate}, attitude controller at {rate}, "
-    loop += "position controller at 25 Hz."
+    loop += "position controller at 50 Hz."
     return {"Simulated": (*_ALWAYS, loop, *holds), "Not simulated": (*lacks, *_NEVER)}

@@ -290,12 +290,12 @@ WANTED = tuple(
     for position, speed, others, step in (
         (0.16, 0.15, 0.4, 0.05),
         (0.25, 0.15, 0.4, 0.05),
-        (0.10, 0.09, 0.45, 0.15),
+        (0.10, 0.09, 0.4, 0.1),
     )
 )
 """A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
-from the doubt of mass, thrust and delay, down more, as its controller predicts; tilt that shakes by
-a sixth of the paper's 1.7 deg, thrust by a sixtieth of the weight."""
+from the doubt of mass, thrust and delay; tilt that shakes by a sixth of the paper's 1.7 deg, thrust
+by a hundredth of the weight."""
 _AT_ONCE_RADPS = 500.0
 """Of servos that act at once."""
 _DOUBT = 0.3
