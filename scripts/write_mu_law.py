@@ -30,14 +30,8 @@ _SAME = 1e-3
 _OMEGA = np.geomspace(0.01, 300.0, 200)
 
 
-_POSITION = (
-    "K_P",
-    "K_D",
-    "attitude_lead.lead_s",
-    "disturbance.bandwidth_radps",
-    "disturbance.attitude_lag_s",
-)
-"""Of the position loop, which is that of the controller `hinf`."""
+_POSITION = ("attitude_lead.lead_s", "disturbance.attitude_lag_s")
+"""Of the position loop, as those of the controller `hinf`."""
 _HEADING_LEAD_S = 1.05
 """As this attitude loop lags behind a turning heading."""
 

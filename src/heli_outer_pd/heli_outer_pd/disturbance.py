@@ -250,7 +250,8 @@ def modelled_acceleration(phi, theta, v_down, k, state, out):
     than `tilt_standing_s` counts as disturbance and is trimmed out with it; 0 s: all that it is off
     by, and the model is the commanded tilt behind the attitude loop's lag. Vertically the thrust of
     the commanded collective behind its lag, at the present speed, so that neither what is on its
-    way nor the rotor's own damping is a disturbance.
+    way nor the rotor's own damping is a disturbance. What flies softly has a servo that does not
+    follow, and its model is the commanded tilt.
     """
     commanded, lagged, last = scratch(2), state.x[MEMORY.lagged], state.x[MEMORY.command]
     stands = state.x[MEMORY.stands]
