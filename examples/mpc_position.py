@@ -76,7 +76,7 @@ MODELS = (
 WEIGHTS = (
     Weights(3.0, 0.0018, 0.015, 0.82),
     Weights(7.5, 0.01, 0.02, 3.9),
-    Weights(0.68, 0.00056, 0.0002, 3.9),
+    Weights(2.2, 0.00022, 0.0013, 5.6),
 )
 """By `./heli python -m evidence.experiments.mpc`: least predicted error on the axes in the world
 `honest` under the floors of margin that the packaged controller's gains are searched with."""

@@ -174,7 +174,7 @@ def test_what_is_said_of_the_laws_in_the_hover_is_so():
     rows = files.read(ROOT, "laws_hover")["found"]["rows"]
     honest = {row["law"]: row for row in rows if row["world"] == "honest"}
     for law in ("pid", "indi", "lqg"):
-        assert max(honest[law]["below_default"]) <= 12  # closer on at least seven of ten
+        assert max(honest[law]["below_default"]) <= 13  # closer on at least two of three
         assert (
             honest["hinf_output"]["travel_per_s"]["d_lat"]
             > 2 * honest[law]["travel_per_s"]["d_lat"]
@@ -184,7 +184,8 @@ def test_what_is_said_of_the_laws_in_the_hover_is_so():
     for row in rows:
         if row["world"] != "hard" and row["law"] != "paper":
             assert row["inside"]["paper"] == 40
-    assert max(row["inside"]["paper"] for row in rows if row["world"] == "hard") <= 6
+        if row["world"] == "hard" and row["law"] != "paper":
+            assert 15 <= row["inside"]["paper"] <= 25  # about half
 
 
 DEARER = "angles three times as dear", "commands four times as dear"
