@@ -534,8 +534,7 @@ def mpc_weights(results: Results) -> str:
     return (
         f"{grid(head, body)}\n\nLinear, where no limit acts, about the trim in the mean wind of "
         "`honest`; default / MPC. Others: commands a tick later, that and servos 30 % slower, 30 % "
-        "more and less acceleration per command. The floors of the search are 0.6 and 0.4, down "
-        "0.45."
+        "more and less acceleration per command. The floors of the search are 0.6 and 0.4."
     )
 
 
