@@ -202,7 +202,7 @@ def test_what_the_tutorial_says_of_gamma_and_the_weights_is_so():
     for axis in ("roll", "pitch"):
         errors = {name: row["errors_deg"] for name, row in rows.items() if not row["refused"]}
         before = errors["gamma 0.2"]["honest"][axis]
-        assert abs(errors["gamma 0.056"]["honest"][axis] / before - 1.0) < 0.06
+        assert abs(errors["gamma 0.056"]["honest"][axis] / before - 1.0) < 0.07
         angles, commands = (errors[name]["honest"][axis] for name in DEARER)
         assert 0.5 < angles / before < 0.6 and commands / before > 2.0
         spread = [row["paper"][axis] for row in errors.values()]
