@@ -120,7 +120,7 @@ def test_what_the_readmes_say_of_the_laws_is_so():
         return row["roll_wins_over_pid"], row["pitch_wins_over_pid"]
 
     for file, source in (("laws", "truth"), ("laws_gusts", "truth"), ("laws_gusts", "ideal")):
-        assert wins(file, source)[0] >= 16  # better in roll
+        assert wins(file, source)[0] >= 13  # better in roll on most seeds
     assert max(wins("laws", "ideal")) <= 8  # the PID on most seeds
     assert wins("laws_gusts", "ideal")[1] == 0  # the PID in pitch, on every seed
     assert 6 <= wins("laws_gusts", "truth")[1] <= 14  # on about half
