@@ -2,15 +2,20 @@
 """`heli compare controller`: laws in Python beside the packaged ones, on the same seeds."""
 
 import json
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from heli_flight.cli.app import main
+from heli_flight.fly import FlightOrder
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
 from heli_studies.campaign.run import FlownSeed
+from heli_studies.compare_own import rivals
 
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 LAW = """
 class {name}:
     def reset(self, x, r, u):
@@ -59,6 +64,16 @@ def test_workers_fly_the_same(capsys, law):
 def test_a_law_that_fails_is_a_lost_flight(capsys, law):
     laws = compared(capsys, law("return 1 / 0"), "--workers", "0")
     assert "ZeroDivisionError" in laws["own:Mine"][0]["lost"] and not laws["packaged"][0]["lost"]
+
+
+def test_a_position_controller_flies_the_hover_by_default():
+    order = partial(FlightOrder, duration_s=1.0)
+    for name, scenario in (
+        ("mpc_position.py:MpcPosition", "hover"),
+        ("my_law.py:MyLaw", "attitude"),
+    ):
+        flown = rivals((str(EXAMPLES / name),), None, order)
+        assert [rival.settings.scenario_name for rival in flown] == [scenario] * 2
 
 
 @pytest.mark.parametrize(

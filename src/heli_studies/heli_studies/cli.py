@@ -23,12 +23,6 @@ from heli_flight.cli.common import (
     Json,
     Params,
 )
-from heli_studies.tune_command import TUNE_EPILOG, tune
-
-if TYPE_CHECKING:
-    from heli_flight.settings import Settings
-
-    pass
 from heli_studies.cli_campaign import (
     RARE_EPILOG,
     REPORT_EPILOG,
@@ -39,6 +33,10 @@ from heli_studies.cli_campaign import (
     worst,
 )
 from heli_studies.cli_compare import compare
+from heli_studies.tune_command import TUNE_EPILOG, tune
+
+if TYPE_CHECKING:
+    from heli_flight.settings import Settings
 
 # -------------------------------------------------------------------------------------------------
 # `heli identify` on the command line.

@@ -5,7 +5,7 @@ import os
 import time
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -19,14 +19,9 @@ from heli_flight.cli.common import (
     Gps,
     Json,
     Params,
-    ScenarioName,
     Seeds,
     World,
 )
-
-if TYPE_CHECKING:
-    pass
-
 
 # -------------------------------------------------------------------------------------------------
 # Compare.
@@ -179,7 +174,15 @@ def compare_controller(
         ),
     ],
     seeds: Seeds = "1..20",
-    scenario: ScenarioName = "attitude",
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="what to fly, as with `heli hover` (default: hover with a position controller, "
+            "else attitude)",
+            autocompletion=common.scenarios,
+        ),
+    ] = None,
     gps: Gps = None,
     world: World = None,
     duration: Duration = None,
@@ -206,7 +209,7 @@ def compare_controller(
     order = partial(
         FlightOrder, gps=gps, world=world, duration_s=duration, params=params or [], seed=None
     )
-    laws = study.rivals(names, scenario or "attitude", order)
+    laws = study.rivals(names, scenario, order)
     cores = len(os.sched_getaffinity(0))
     start, total = time.monotonic(), len(laws) * len(numbers)
     for own in {rival.own for rival in laws}:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from heli_core.python_controller import find, short_name
+from heli_core.python_controller import OUTER, find, short_name
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import FlightOrder
@@ -50,7 +50,7 @@ class NamedLaw:
 
 
 def rivals(
-    names: Sequence[str], scenario: str, order: Callable[..., FlightOrder]
+    names: Sequence[str], scenario: str | None, order: Callable[..., FlightOrder]
 ) -> tuple[NamedLaw, ...]:
     """The packaged controllers, and those that are named.
 
@@ -58,7 +58,9 @@ def rivals(
     ----------
     names : sequence of str
         MODULE:NAME or FILE.py:NAME of a controller in Python, or packaged controllers.
-    scenario : str
+    scenario : str, optional
+        What to fly; default: `hover` if one of them is a position controller, which flies there
+        only, else `attitude`.
     order : callable
         Makes the order of a flight with what else is flown.
 
@@ -67,11 +69,13 @@ def rivals(
     ParameterError, LawError
         Each with one sentence.
     """
-    found = []
+    found = list[NamedLaw]()
     for name in dict.fromkeys((PACKAGED, *names)):
         own = ":" in name
         named = {"law": [name]} if own else {"laws": name}
-        settings = order(scenario=scenario, mode=ONE_PROCESS, **named).resolved()
+        settings = order(scenario=scenario or "attitude", mode=ONE_PROCESS, **named).resolved()
+        if scenario is None and OUTER in own_laws(settings):
+            return rivals(names, "hover", order)
         found.append(NamedLaw(short_name(name) if own else name, settings, own))
     if len(found) < 2:
         raise ParameterError(f"{PACKAGED} flies anyway; name another one, such as my_law.py:MyLaw")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,10 +26,6 @@ from heli_inner_hinf.tuning import (
     SampledAircraft,
 )
 from heli_studies.robust import with_values
-
-if TYPE_CHECKING:
-    pass
-
 
 # -------------------------------------------------------------------------------------------------
 # What the attitude controllers are searched over: the aircraft of the set, and the families of
