@@ -9,6 +9,7 @@ each axis of the position loop around it, about the trim in the mean wind of `ho
 """
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,23 @@ def flown(world: str, law: str, seed: int) -> dict[str, Any] | None:
     return {
         "hover": [float(np.abs(of[metric.key][scored]).max()) for metric in HOVER],
         "attitude": np.abs(departures).max(axis=0).tolist(),
-        "behind": np.sqrt(np.mean(behind**2, axis=0)).tolist(),
+        "behind": np.abs(behind).max(axis=0).tolist(),
+        "behind_rms": np.sqrt(np.mean(behind**2, axis=0)).tolist(),
         "travel": (moved[list(TRAVEL.values())] / np.ptp(record.time_s[scored])).tolist(),
+    }
+
+
+def attitude_row(kept: list[Any], its: list[Any], key: str) -> dict[str, Any]:
+    """Largest roll and pitch under a key: sizes, how many flights hold both, how many beat its."""
+    mine = np.array([flight[key] for flight in kept])
+    pairs = [(np.array(flight[key]), np.array(other[key])) for flight, other in its]
+    return {
+        "deg": {
+            axis: {"median": float(np.median(mine[:, i])), "worst": float(mine[:, i].max())}
+            for i, axis in enumerate(AXES[:2])
+        },
+        "inside": int((mine <= ATTITUDE_DEG).all(axis=1).sum()),
+        "below_default": [sum(bool(a[i] < b[i]) for a, b in pairs) for i in range(2)],
     }
 
 
@@ -76,9 +92,8 @@ def row(place: Place[dict[str, Any] | None], default: list[Any]) -> dict[str, An
     """What a controller flew in a world; on how many seeds its attitude is below the default's."""
     kept = [flight for flight in place.flights if flight is not None]
     errors = np.array([flight["hover"] for flight in kept])
-    attitude = np.array([flight["attitude"] for flight in kept])
     pairs = [
-        (np.array(mine["attitude"]), np.array(its["attitude"]))
+        (mine, its)
         for mine, its in zip(place.flights, default, strict=True)
         if mine is not None and its is not None
     ]
@@ -86,13 +101,8 @@ def row(place: Place[dict[str, Any] | None], default: list[Any]) -> dict[str, An
         **place.point,
         "flown": len(place.flights),
         "lost": len(place.flights) - len(kept),
-        "attitude_deg": {
-            axis: {"median": float(np.median(attitude[:, i])), "worst": float(attitude[:, i].max())}
-            for i, axis in enumerate(AXES[:2])
-        },
-        "inside_attitude": int((attitude <= ATTITUDE_DEG).all(axis=1).sum()),
-        "below_default": [sum(bool(mine[i] < its[i]) for mine, its in pairs) for i in range(2)],
-        "behind_deg": np.median([flight["behind"] for flight in kept], axis=0).tolist(),
+        **{key: attitude_row(kept, pairs, key) for key in ("attitude", "behind")},
+        "behind_rms_deg": np.median([flight["behind_rms"] for flight in kept], axis=0).tolist(),
         "median": dict(
             zip((m.key for m in HOVER), np.median(errors, axis=0).tolist(), strict=True)
         ),
@@ -159,21 +169,28 @@ produces(
 )
 
 
+def attitude_cells(r: Mapping[str, Any], key: str) -> list[str]:
+    """Roll and pitch, flights inside, flights below the default's."""
+    found = r[key]
+    return [
+        *(f"{a['median']:.2f} / {a['worst']:.2f}" for a in found["deg"].values()),
+        str(found["inside"]),
+        "–" if r["law"] == DEFAULT else "{}, {}".format(*found["below_default"]),
+    ]
+
+
 @table("laws_hover")
 def laws_hover(results: Results) -> str:
     """Attitude, place and actuators of the hover, world by world and for each controller."""
     record = results["laws_hover"]
     head = ["world, controller", "roll, deg", "pitch, deg", f"inside {ATTITUDE_DEG}",
-            "below default's", "behind its command, deg", *(f"{m.label}, {m.unit}" for m in HOVER),
+            "below default's", *(f"{m.label}, {m.unit}" for m in HOVER),
             "inside the paper's", "half, quarter", "travel of d_lat, d_lon, d_col, 1/s",
             "lost"]  # fmt: skip
     body = [
         [
             f"{r['world']}, {r['law']}",
-            *(f"{a['median']:.2f} / {a['worst']:.2f}" for a in r["attitude_deg"].values()),
-            str(r["inside_attitude"]),
-            "–" if r["law"] == DEFAULT else "{}, {}".format(*r["below_default"]),
-            "{:.2f}, {:.2f}".format(*r["behind_deg"]),
+            *attitude_cells(r, "attitude"),
             *(f"{r['median'][m.key]:.2f} / {r['worst'][m.key]:.2f}" for m in HOVER),
             str(r["inside"]["paper"]),
             str(r["inside"]["half_and_quarter"]),
@@ -187,10 +204,32 @@ def laws_hover(results: Results) -> str:
         "drift-corrected, from 5 s to the end, the climb against its reference. Roll and "
         f"pitch: largest departure in a hover phase from its mean, median / worst; on how many of "
         f"{len(record['seeds'])} both are inside the {ATTITUDE_DEG} deg that the paper states; on "
-        "how many roll, pitch are below the default's; rms behind the command, median. Then "
+        "how many roll, pitch are below the default's. Then "
         "largest errors, median / worst, and how many flights are inside the paper's figures, "
         "inside half of its speeds and a quarter of its positions. "
         f"{world({k: [v] for k, v in record['conditions'].items()})}"
+    )
+
+
+@table("laws_hover_behind")
+def laws_hover_behind(results: Results) -> str:
+    """How far the attitude is from what the position loop commands, in the same flights."""
+    record = results["laws_hover"]
+    head = ["world, controller", "roll, deg", "pitch, deg", f"inside {ATTITUDE_DEG}",
+            "below default's", "rms, deg"]  # fmt: skip
+    body = [
+        [
+            f"{r['world']}, {r['law']}",
+            *attitude_cells(r, "behind"),
+            "{:.2f}, {:.2f}".format(*r["behind_rms_deg"]),
+        ]
+        for r in record["rows"]
+    ]
+    return (
+        f"{grid(head, body)}\n\nThe same flights: largest distance of roll and pitch (truth) from "
+        f"their commands at the same tick, from 5 s to the end, the climb included, median / "
+        f"worst; on how many of {len(record['seeds'])} both are inside {ATTITUDE_DEG} deg; on how "
+        "many roll, pitch are below the default's; rms, median."
     )
 
 
@@ -224,7 +263,7 @@ def draw(content: dict[str, Any], path: Path) -> None:
 
     panels = {
         "largest of roll and pitch (deg)": lambda r, of: max(
-            a[of] for a in r["attitude_deg"].values()
+            a[of] for a in r["attitude"]["deg"].values()
         ),
         "largest of lateral and\nlongitudinal error (m)": lambda r, of: max(
             r[of][key] for key in ("lateral", "longitudinal")

@@ -174,13 +174,14 @@ def test_what_is_said_of_the_laws_in_the_hover_is_so():
     rows = files.read(ROOT, "laws_hover")["found"]["rows"]
     honest = {row["law"]: row for row in rows if row["world"] == "honest"}
     for law in ("pid", "indi", "lqg"):
-        assert max(honest[law]["below_default"]) <= 13  # closer on at least two of three
+        assert max(honest[law]["attitude"]["below_default"]) <= 13  # on at least two of three
+        assert max(honest[law]["behind"]["below_default"]) <= 5  # on at least 35
         assert (
             honest["hinf_output"]["travel_per_s"]["d_lat"]
             > 2 * honest[law]["travel_per_s"]["d_lat"]
         )
-    assert honest["mu"]["below_default"][1] > 20
-    assert 15 <= honest["hinf_output"]["inside_attitude"] <= 25
+    assert honest["mu"]["attitude"]["below_default"][1] > 20
+    assert 15 <= honest["hinf_output"]["attitude"]["inside"] <= 25
     for row in rows:
         if row["world"] != "hard" and row["law"] != "paper":
             assert row["inside"]["paper"] == 40
