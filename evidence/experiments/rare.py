@@ -23,7 +23,7 @@ from heli_flight.terminal import json_text
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = "examples/campaign_rare.yaml"
-RARE, BEYOND_M = "lateral (truth)", 0.5
+RARE, BEYOND_M = "lateral (truth)", 0.15
 WORST = "altitude (truth)"
 
 
