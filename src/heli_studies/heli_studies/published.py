@@ -110,7 +110,7 @@ def _judged(aircraft: str, law: str, made: FinishedDesign) -> DesignedLaw:
 def settings_of(aircraft: str, law: str, world: str) -> Settings:
     """The hover test of a controller on its aircraft in a world."""
     overrides = copy.deepcopy(dict(designed(aircraft, law).values))
-    return resolve("hover", GPS, world=world, controller=law, overrides=overrides)
+    return resolve("hover", GPS, world=world, laws=law, overrides=overrides)
 
 
 def flown(aircraft: str, law: str, world: str, seed: int) -> dict[str, Any]:
