@@ -8,13 +8,20 @@ import pytest
 from scipy.linalg import block_diag
 
 from heli_flight.settings import resolve
-from heli_inner_hinf.fixed_structure import Goal, GoalKind, TuningProblem
+from heli_inner_hinf.fixed_structure import Goal, GoalKind, Start, Tuned, TuningProblem
 from heli_inner_hinf.loops import Model, output_loop, pid_as_output_law
 from heli_inner_hinf.regular_form import N_H, N_U, N_X
 from heli_outer_pd.analysis import Gains, deviations, law
+from heli_outer_pd.parameters import largest_K_D, outer_params
 from heli_studies.design.cascade import MARGINS_AT, cascade_aircraft
 from heli_studies.design.position_search import WANTED, common_disk_margin, coupled_plant
-from heli_studies.tune import TuneOrder, aircraft_of, packaged_gains
+from heli_studies.tune import (
+    TuneOrder,
+    aircraft_of,
+    cascade_numbers,
+    flyable_of,
+    packaged_gains,
+)
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +95,25 @@ def test_a_later_aircraft_has_less_margin(shipped):
         for one in (made, made.later(2))
     )
     assert later < 0.9 * now
+
+
+def test_what_the_nodes_would_refuse_is_moved_to_what_they_take(shipped):
+    """A large K_D down would make the collective swing: the nearest that flies, judged anew."""
+    made, numbers, _ = shipped
+    goals = tuple(
+        Goal(at, GoalKind.DISK_MARGIN, made.margin_plant(at), 0.4, hard=True) for at in ("command",)
+    )
+    problem = TuningProblem(made.structure, goals)
+    starts = []
+    for K_D in (numbers[-1], 50.0):
+        x = problem.scaled_start(np.append(numbers[:-1], K_D))
+        starts.append(Start(0.0, 9.0, 1, 1, 0.0, x))
+    tuned = Tuned(problem, starts[1].x, problem.reached(starts[1].x), tuple(starts))
+    moved = flyable_of(cascade_numbers(made), tuned)
+    nodes = resolve(laws="pid").nodes["outer_loop"]
+    K_Ds = [float(end.x[: len(numbers)][-1]) for end in moved.starts]
+    assert K_Ds == [numbers[-1], pytest.approx(largest_K_D(nodes), rel=2e-3)]
+    for end in moved.starts:
+        outer_params({**nodes, "K_D": end.x[: len(numbers)][-3:]})
+        assert end.hard == max(one.share for one in problem.reached(end.x))
+    assert moved.x is moved.starts[0].x  # the first of equals

@@ -290,24 +290,33 @@ _SWINGS = -0.8
 """Least factor from one step's vertical command to the next's by the prediction alone."""
 
 
-def check_prediction(p: Mapping[str, Any]) -> None:
-    """Raise ParameterError where the vertical prediction would make the collective swing.
+def largest_K_D(p: Mapping[str, Any]) -> float:
+    """The largest `K_D` down, 1/s, with which the vertical prediction does not swing.
 
     A command changes the acceleration, behind the collective's lag, that the next command is
-    predicted with; by that loop alone it is multiplied by `pole` from step to step.
+    predicted with; by that loop alone it is multiplied by keep - (1 - keep) K_D ahead from step to
+    step, and that factor is at least `_SWINGS`.
     """
-    ahead_s, lag_s = p["collective_prediction_s"], p["collective_lag_s"]
-    keep = kept(p["period_ticks"] * TICK_S, lag_s)
-    pole = keep - (1.0 - keep) * p["K_D"][2] * ahead_s
-    if p["wind_compensation"] and pole < _SWINGS:
-        most_s = (keep - _SWINGS) / ((1.0 - keep) * p["K_D"][2])
+    keep = kept(p["period_ticks"] * TICK_S, p["collective_lag_s"])
+    ahead_s = p["collective_prediction_s"]
+    if not (p["wind_compensation"] and ahead_s > 0.0):
+        return math.inf
+    return float((keep - _SWINGS) / ((1.0 - keep) * ahead_s))
+
+
+def check_prediction(p: Mapping[str, Any]) -> None:
+    """Raise ParameterError where the vertical prediction would make the collective swing."""
+    most, K_D = largest_K_D(p), p["K_D"][2]
+    if K_D > most:
+        ahead_s = p["collective_prediction_s"]
         raise ParameterError(
             f"collective_prediction_s: {ahead_s:g} s makes the collective swing from step to step, "
-            f"with K_D {p['K_D'][2]:g} 1/s down, collective_lag_s {lag_s:g} s and period_ticks "
-            f"{p['period_ticks']}",
+            f"with K_D {K_D:g} 1/s down, collective_lag_s {p['collective_lag_s']:g} s and "
+            f"period_ticks {p['period_ticks']}",
             ParameterCause.CONFLICT,
             value=ahead_s,
-            allowed=f"up to {math.floor(1e3 * most_s) / 1e3:g} s; a lower K_D takes more",
+            allowed=f"up to {math.floor(1e3 * ahead_s * most / K_D) / 1e3:g} s; a lower K_D takes "
+            "more",
         )
 
 

@@ -66,6 +66,7 @@ from heli_inner_hinf.tuning import (
     gains_of,
     tune_pid,
 )
+from heli_outer_pd.parameters import largest_K_D
 from heli_studies.design.cascade import COSTS, MARGINS_AT, CascadeAircraft, cascade_aircraft
 from heli_studies.robust import with_values
 from heli_studies.tune_flown import FLOWN, FlownGoal, FlownReached, checked_seeds, fly
@@ -75,6 +76,8 @@ WORLDS = ("paper", "honest")
 PID, STATE, OUTPUT, CASCADE = "pid", "state", "output", "cascade"
 _GAINS = ("pid.K_P", "pid.K_I", "pid.K_D")
 _OF_POSITION = ("K_P", "K_D")
+_SHORT_OF = 0.999
+"""A tuned `K_D` down stays so much below the largest one, where a file rounds it."""
 _KEYS = {"name", "kind", "bound", "hard", "from", "to", "at", "further_ticks", "seeds"}
 _MOST_TICKS = 10
 SAME = 0.01
@@ -366,6 +369,8 @@ class _Tunable:
         What flies the numbers: parameters by node.
     gains : callable
         The numbers by name.
+    flyable : callable
+        The nearest numbers that the nodes take.
     """
 
     structure: LawStructure
@@ -373,6 +378,7 @@ class _Tunable:
     scale: Vector | None
     values: Callable[[Vector], dict[str, dict[str, Any]]]
     gains: Callable[[Vector], dict[str, Vector]] = lambda _: {}
+    flyable: Callable[[Vector], Vector] = lambda numbers: numbers
 
 
 def _pid(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> _Tunable:
@@ -439,15 +445,20 @@ def _cascades(order: TuneOrder, aircraft: Sequence[SampledAircraft]) -> list[Cas
     return found
 
 
-def _cascade(one: CascadeAircraft) -> _Tunable:
+def cascade_numbers(one: CascadeAircraft) -> _Tunable:
+    """The PID's nine gains, K_P and K_D of the position controller; down as far as it flies."""
     start = np.concatenate([packaged_gains(), one.kernel.K_P, one.kernel.K_D])
+    most = largest_K_D(resolve(laws=PID).nodes["outer_loop"])
 
     def values(numbers: Vector) -> dict[str, dict[str, Any]]:
         pid, *of_position = np.split(numbers, [3 * N_U, 3 * N_U + 3])
         outer = dict(zip(_OF_POSITION, of_position, strict=True))
         return {**_pid_values(pid), "outer_loop": outer}
 
-    return _Tunable(one.structure, start, None, values)
+    def flyable(numbers: Vector) -> Vector:
+        return np.append(numbers[:-1], min(numbers[-1], _SHORT_OF * most))
+
+    return _Tunable(one.structure, start, None, values, flyable=flyable)
 
 
 def preset_of(structure: str) -> str:
@@ -475,7 +486,7 @@ def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneR
     try:
         if order.structure == CASCADE:
             cascades = _cascades(order, aircraft)
-            loops, tunable = cascades, _cascade(cascades[0])
+            loops, tunable = cascades, cascade_numbers(cascades[0])
         elif order.structure == STATE:
             tunable = _state(order, aircraft)
         else:
@@ -490,11 +501,31 @@ def run(order: TuneOrder, tell: Callable[[str], None] = lambda _: None) -> TuneR
         problem, tunable.start, tunable.scale, order.starts, order.seed, order.iterations, tell=tell
     )
     before = problem.reached(problem.scaled_start(tunable.start))
+    tuned = flyable_of(tunable, tuned)
     tuned, flown, flown_before = _flown(order, rows, tunable, tuned, tell)
     x = tuned.parameters
     return TuneResult(
         order, tuned, before, tunable.values(x), tunable.gains(x), flown, flown_before
     )
+
+
+def flyable_of(tunable: _Tunable, tuned: Tuned) -> Tuned:
+    """The best start, and every other, moved to numbers that the nodes take."""
+    m = tuned.problem.structure.size
+
+    def moved(x: Vector) -> Vector:
+        return np.concatenate([tunable.flyable(x[:m]), x[m:]])
+
+    if all((moved(end.x) == end.x).all() for end in tuned.starts):
+        return tuned
+    starts = []
+    for end in tuned.starts:
+        x = moved(end.x)
+        one = replace(tuned, x=x, reached=tuned.problem.reached(x))
+        starts.append(replace(end, x=x, soft=one.soft, hard=one.hard))
+    best = min(starts, key=lambda end: (max(end.hard, 1.0 + KEPT), end.soft))
+    reached = tuned.problem.reached(best.x)
+    return replace(tuned, x=best.x, reached=reached, starts=tuple(starts))
 
 
 def _flown(
