@@ -188,10 +188,10 @@ class Up:
 
     def __init__(self):
         self.statuses, self.announced, self.forgotten = {}, [], []
-        self.forget = self.forgotten.append
+        self.forget, self.now_s = self.forgotten.append, 7.5
 
     def flight_s(self):
-        return 7.5
+        return self.now_s
 
     def announce(self, level, message, facts):
         self.announced.append((message, facts))
@@ -205,8 +205,8 @@ class Spare:
 
 
 def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path, monkeypatch):
-    now, up = [0.0], Up()
-    respawn = Respawn(tmp_path, lambda line: None, lambda: now[0])
+    up = Up()
+    respawn = Respawn(tmp_path, lambda line: None)
     monkeypatch.setenv(FOLDER, respawn.environment()[FOLDER])
     known, respawn._make = [], Spare
     # Before the successor exists it is known to all nodes that one comes.
@@ -218,7 +218,7 @@ def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path, monkeypatch)
     for _ in range(MOST):
         # Spread out it may die as often as it likes.
         assert respawn.again("observer", "observer: killed", up) == ("observer", "observer.log")
-        now[0] += WITHIN_S
+        up.now_s += WITHIN_S
     for _ in range(MOST - 1):
         respawn.again("inner_loop", "inner_loop: killed", up)
     with pytest.raises(DiesAgainError) as error:

@@ -33,7 +33,7 @@ AGAIN = ("observer", "inner_loop", "outer_loop")
 """Nodes that are started again. The plant is the world, and the recorder's bag cannot be gone on
 with: without one of them the flight ends, as it does without --respawn."""
 MOST, WITHIN_S = 3, 10.0
-"""A node that dies so often within so many seconds of wall time ends the flight."""
+"""A node that dies so often within so many seconds of flight ends the flight."""
 _MEMORY = "memory"
 
 
@@ -84,7 +84,7 @@ class DiesAgainError(FlightError):
     """
 
     def __init__(self, node: str, why: str) -> None:
-        super().__init__(f"{why}, {MOST} times in {WITHIN_S:g} s: not started again")
+        super().__init__(f"{why}, {MOST} times in {WITHIN_S:g} s of flight: not started again")
         self.node, self.why = node, why
 
 
@@ -115,18 +115,14 @@ class Respawn:
         Of the flight; the nodes' memories lie in it until it is over.
     say : callable
         Takes a line for the user.
-    now_s : callable, optional
-        Wall time, s.
 
     Attributes
     ----------
     restarts : list of Restart
     """
 
-    def __init__(
-        self, folder: Path, say: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._folder, self._say, self._now_s = folder / _MEMORY, say, now_s
+    def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
+        self._folder, self._say = folder / _MEMORY, say
         self._logs = folder / "logs"
         self._died_s: dict[str, list[float]] = {}
         self._make: Callable[[], Standby] | None = None
@@ -151,7 +147,8 @@ class Respawn:
         DiesAgainError
             It dies again and again.
         """
-        now_s = self._now_s()
+        # By flight time: in lockstep a flight waits, on loaded cores for long, until one is back.
+        now_s = up.flight_s()
         died = self._died_s.setdefault(name, [])
         died[:] = [*(s for s in died if now_s - s < WITHIN_S), now_s]
         if len(died) >= MOST:
